@@ -1,0 +1,505 @@
+# SPDX-License-Identifier: MIT
+"""Every option of the system: one frozen dataclass per section, declared once with its bounds.
+
+`load(path, overrides)` reads TOML, refuses unknown keys and wrong values, repairs nothing, and
+returns a `Config`. A component receives its own section only. `reference_toml()` writes the
+commented reference that is `config.toml`; a test holds the two equal.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import math
+import tomllib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, get_type_hints
+
+from ins_robot.errors import ConfigError
+
+
+def option(
+    default: Any,
+    doc: str,
+    *,
+    above: float | None = None,
+    at_least: float | None = None,
+    at_most: float | None = None,
+    choices: tuple[str, ...] | None = None,
+) -> Any:
+    """Declare one option: default, one line of reason, and what it may be."""
+    metadata = {
+        "doc": doc, "above": above, "at_least": at_least, "at_most": at_most, "choices": choices,
+    }
+    return field(default=default, metadata=metadata)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RobotConfig:
+    """The body."""
+
+    radius_m: float = option(0.20, "body radius, the circle that must not touch a wall", above=0.0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WheelsConfig:
+    """Three omni wheels and the serial line to their microcontroller."""
+
+    port: str = option("/dev/ins-motors", "serial device of the motor microcontroller (MCU)")
+    baud: int = option(115200, "line speed; ignored by USB devices", at_least=1200)
+    radius_m: float = option(0.05, "wheel radius", above=0.0, at_most=1.0)
+    arm_m: float = option(0.15, "distance from the body centre to a wheel", above=0.0, at_most=2.0)
+    angles_deg: tuple[float, ...] = option(
+        (60.0, 180.0, 300.0), "polar angle of each wheel from the body's x axis, ccw"
+    )
+    signs: tuple[float, ...] = option(
+        (1.0, 1.0, 1.0), "+1 where positive speed drives the body ccw, -1 where wired otherwise"
+    )
+    pulses_per_rev: int = option(1024, "encoder pulses per wheel revolution", at_least=1)
+    quadrature: int = option(4, "counts per pulse", at_least=1, at_most=4)
+    speed_max_radps: float = option(8.0, "fastest a wheel may turn", above=0.0)
+    dead_man_s: float = option(
+        0.2, "the MCU stops the wheels when no set point arrives for this long", above=0.0,
+        at_most=2.0,
+    )
+    silence_timeout_s: float = option(
+        0.5, "no telemetry for this long: the MCU counts as lost", above=0.0
+    )
+    battery_low_v: float = option(
+        10.5, "below this the run ends and the map is saved; 0 = off", at_least=0.0
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LrfConfig:
+    """The laser range finder (LRF): Neato XV-11 behind an XV Lidar Controller."""
+
+    port: str = option("/dev/ins-lrf", "serial device of the XV Lidar Controller")
+    baud: int = option(115200, "line speed; ignored by USB devices", at_least=1200)
+    power: str = option(
+        "on_demand", "motor only while scanning (the paper), or always on, feeding SLAM on the way",
+        choices=("on_demand", "continuous"),
+    )
+    rpm: float = option(200.0, "set speed (the paper's)", at_least=180.0, at_most=349.0)
+    rpm_max: float = option(
+        300.0, "the set speed is raised up to this when beams say 'too slow'", at_least=180.0,
+        at_most=349.0,
+    )
+    rpm_step: float = option(25.0, "by how much it is raised at a time", above=0.0)
+    rpm_tolerance: float = option(
+        0.08, "a revolution whose speed is off by more (share of the set speed) is rejected",
+        above=0.0, at_most=0.5,
+    )
+    revolutions: int = option(5, "revolutions combined into one scan (the paper's)", at_least=1)
+    spin_up_timeout_s: float = option(
+        6.0, "no steady revolution within this after motor-on is a fault", above=0.0
+    )
+    sector_deg: float = option(
+        150.0, "scans after the first look this far to each side of the heading", above=0.0,
+        at_most=180.0,
+    )
+    range_min_m: float = option(0.10, "nearer readings are the robot itself", at_least=0.0)
+    range_trusted_m: float = option(3.0, "readings up to here are taken as accurate", above=0.0)
+    range_max_m: float = option(6.0, "readings beyond are not used", above=0.0, at_most=16.0)
+    range_std_floor_m: float = option(0.003, "standard deviation of a near reading", above=0.0)
+    range_std_per_m2: float = option(
+        0.00083, "growth of the standard deviation with the square of range, 1/m", at_least=0.0
+    )
+    weak_return_factor: float = option(
+        3.0, "a reading with the strength warning counts as this much noisier", at_least=1.0
+    )
+    x_m: float = option(0.0, "where the LRF sits on the body")
+    y_m: float = option(0.0, "where the LRF sits on the body")
+    yaw_deg: float = option(0.0, "bearing of the first beam; an XV-11 is often near -10")
+    is_clockwise: bool = option(False, "turns clockwise seen from above (upside-down, other makes)")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ImuConfig:
+    """Gyro (MPU6050 family) and compass (HMC5883L or QMC5883L) on I2C."""
+
+    bus: str = option("/dev/i2c-1", "I2C bus, or unix:/path of an emulated one")
+    rate_hz: float = option(50.0, "readings per second", above=0.0, at_most=200.0)
+    gyro_address: int = option(0x68, "0x69 when AD0 is high", at_least=0, at_most=0x7F)
+    gyro_sign: float = option(1.0, "-1 when mounted upside-down", at_least=-1.0, at_most=1.0)
+    gyro_scale: float = option(1.0, "true rate / reported rate, from calibration", above=0.0)
+    bias_time_s: float = option(2.0, "standstill averaged for the bias at start", above=0.0)
+    bias_std_max_dps: float = option(0.3, "more spread than this is not a standstill", above=0.0)
+    use_compass: bool = option(True, "false: heading from gyro and LRF alone")
+    compass_yaw_deg: float = option(0.0, "bearing of the compass's x axis on the body")
+    field_tolerance: float = option(
+        0.2, "compass refused when the field norm is off by more (share of the first)", above=0.0
+    )
+    disagreement_deg: float = option(
+        4.0, "compass refused when it turned this much other than the gyro", above=0.0
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class KalmanConfig:
+    """The centralized Kalman filter: encoders + gyro + compass."""
+
+    accel_std_mps2: float = option(0.5, "process noise of the velocity", above=0.0)
+    yaw_accel_std_radps2: float = option(1.5, "process noise of the yaw rate", above=0.0)
+    bias_drift_std_radps: float = option(2e-5, "gyro bias random walk per sqrt(s)", above=0.0)
+    wheel_std_mps: float = option(0.01, "noise of each velocity from the encoders", above=0.0)
+    wheel_yaw_std_radps: float = option(0.05, "noise of the yaw rate from encoders", above=0.0)
+    gyro_std_radps: float = option(0.002, "noise of the gyro", above=0.0)
+    compass_std_deg: float = option(15.0, "noise of an accepted compass heading", above=0.0)
+    slip_gate_radps: float = option(
+        0.15, "encoder and gyro disagreeing by more is slip", above=0.0
+    )
+    slip_inflation: float = option(10.0, "by how much slip inflates the encoder noise", at_least=1.0)
+    odometry_std_per_m: float = option(
+        0.03, "position error per sqrt(metre) driven, for the pose uncertainty", above=0.0
+    )
+    heading_std_per_rad: float = option(0.02, "heading error per sqrt(radian) turned", above=0.0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ControlConfig:
+    """Following a path, and what limits it."""
+
+    rate_hz: float = option(50.0, "control ticks per second", at_least=10.0, at_most=200.0)
+    cruise_mps: float = option(0.2, "speed on a free path", above=0.0, at_most=2.0)
+    turn_radps: float = option(1.0, "fastest turn", above=0.0, at_most=6.0)
+    accel_mps2: float = option(0.4, "fastest change of speed", above=0.0)
+    yaw_accel_radps2: float = option(2.0, "fastest change of turn rate", above=0.0)
+    position_gain_per_s: float = option(2.0, "K of e' = -K e in x and y", above=0.0, at_most=10.0)
+    heading_gain_per_s: float = option(2.5, "K of e' = -K e in heading", above=0.0, at_most=10.0)
+    position_tolerance_m: float = option(0.03, "arrived", above=0.0)
+    heading_tolerance_deg: float = option(2.0, "arrived", above=0.0)
+    stale_pose_s: float = option(0.3, "no odometry for this long: command zero", above=0.0)
+    guard: bool = option(True, "the collision guard has the last word")
+    guard_margin_m: float = option(0.02, "clearance the guard keeps around the body", at_least=0.0)
+    stuck_s: float = option(6.0, "no progress for this long: the goal is given up", above=0.0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ExplorationConfig:
+    """The INS: which gap next."""
+
+    strategy: str = option(
+        "min-gap", "narrowest gap of the cheapest node; widest; or back along the order of traversal",
+        choices=("min-gap", "max-gap", "backtrack"),
+    )
+    gap_range_m: float = option(
+        4.0, "readings longer than this (or none) are a gap", above=0.0
+    )
+    gap_jump_m: float = option(0.5, "a range jump between beams of more than this is a gap", above=0.0)
+    clearance_m: float = option(0.03, "kept free around the body when planning", at_least=0.0)
+    neighbour_range_m: float = option(
+        12.0, "rule A: nodes closer than this may be neighbours (twice the scan range)", above=0.0
+    )
+    visibility_guard: bool = option(
+        True, "a gap counts as explored by the rules only where the map has really been seen; "
+        "false: the paper's rules as printed"
+    )
+    frontier_min_m: float = option(
+        0.3, "with the guard: unseen edges of the map at least this long become gaps too", above=0.0
+    )
+    max_radius_m: float = option(0.0, "stay this near to the start; 0 = no limit", at_least=0.0)
+    max_scans: int = option(2000, "a run ends after this many", at_least=1)
+    max_time_s: float = option(14400.0, "a run ends after this long", above=0.0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SlamConfig:
+    """Pose and map correction."""
+
+    estimator: str = option(
+        "particle", "particle filter against the map, or the Kalman filter's odometry alone",
+        choices=("odometry", "particle"),
+    )
+    particles: int = option(100, "particle count", at_least=2, at_most=5000)
+    resample_below: float = option(
+        0.5, "resample when the effective sample size falls below this share", above=0.0, at_most=1.0
+    )
+    bearing_std_deg: float = option(0.5, "bearing noise of a beam", above=0.0)
+    node_distance_m: float = option(
+        0.4, "continuous scans: a scan this far from the last node becomes a node", above=0.0
+    )
+    node_turn_deg: float = option(
+        20.0, "continuous scans: a scan turned this far becomes a node", above=0.0
+    )
+    sweep_std_m: float = option(
+        0.06, "on_demand: pose uncertainty past which a sweep is taken on the way", above=0.0
+    )
+    seed: int = option(0, "seed of every random choice of the robot", at_least=0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MapConfig:
+    """The occupancy grid."""
+
+    resolution_m: float = option(0.05, "cell size", above=0.005, at_most=0.5)
+    hit_log_odds: float = option(0.9, "what a beam's end adds", above=0.0)
+    miss_log_odds: float = option(0.4, "what a beam's way takes", above=0.0)
+    log_odds_max: float = option(4.0, "clamp, so that doors can re-open", above=0.0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DaemonConfig:
+    """The process, its files and its socket."""
+
+    socket: str = option("/run/ins-robot/control.sock", "where the client commands find the daemon")
+    runs: str = option("/var/lib/ins-robot/runs", "directory of the recorded runs")
+    keep_runs: int = option(20, "older runs are removed; 0 = keep all", at_least=0)
+    keep_free_mb: int = option(200, "a run is not started with less disk free", at_least=0)
+    log_level: str = option("info", "", choices=("debug", "info", "warning", "error"))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SimulationConfig:
+    """The simulated robot and its sensors; read by `simulate` and `emulate` only."""
+
+    slip_std: float = option(0.01, "wheel slip: standard deviation as a share of speed", at_least=0.0)
+    slip_bias_std: float = option(
+        0.01, "each wheel's constant scale error, drawn once", at_least=0.0
+    )
+    motor_lag_s: float = option(0.08, "time constant of a wheel motor", above=0.0)
+    gyro_noise_dps: float = option(0.05, "gyro noise per reading", at_least=0.0)
+    gyro_bias_dps: float = option(1.0, "standard deviation of the initial gyro bias", at_least=0.0)
+    gyro_drift_dps: float = option(0.002, "gyro bias random walk per sqrt(s)", at_least=0.0)
+    gyro_scale_std: float = option(0.005, "scale error of the gyro, drawn once", at_least=0.0)
+    compass_noise_deg: float = option(1.0, "compass noise per reading", at_least=0.0)
+    compass_disturbance: float = option(
+        1.0, "strength of the metal objects around; 0 = none", at_least=0.0
+    )
+    range_std_floor_m: float = option(0.002, "LRF noise floor", at_least=0.0)
+    range_std_per_m2: float = option(0.00083, "LRF noise growth with range squared", at_least=0.0)
+    drop_out: float = option(0.03, "share of beams lost for no reason", at_least=0.0, at_most=1.0)
+    drop_out_grazing: float = option(
+        1.0, "strength of losses at grazing incidence and on dark walls", at_least=0.0
+    )
+    mixed_pixels: float = option(
+        0.5, "share of the beams across an edge that land between", at_least=0.0, at_most=1.0
+    )
+    rpm_ripple: float = option(0.003, "standard deviation of the LRF's speed, share", at_least=0.0)
+    compass_chip: str = option("hmc5883l", "which compass", choices=("hmc5883l", "qmc5883l"))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Config:
+    """All sections."""
+
+    robot: RobotConfig = field(default_factory=RobotConfig)
+    wheels: WheelsConfig = field(default_factory=WheelsConfig)
+    lrf: LrfConfig = field(default_factory=LrfConfig)
+    imu: ImuConfig = field(default_factory=ImuConfig)
+    kalman: KalmanConfig = field(default_factory=KalmanConfig)
+    control: ControlConfig = field(default_factory=ControlConfig)
+    exploration: ExplorationConfig = field(default_factory=ExplorationConfig)
+    slam: SlamConfig = field(default_factory=SlamConfig)
+    map: MapConfig = field(default_factory=MapConfig)
+    daemon: DaemonConfig = field(default_factory=DaemonConfig)
+    simulation: SimulationConfig = field(default_factory=SimulationConfig)
+
+    def __post_init__(self) -> None:
+        _check_across(self)
+
+
+def _check_across(config: Config) -> None:
+    """Refuse values that are each in bounds but contradict one another."""
+    lrf, wheels = config.lrf, config.wheels
+    if lrf.rpm_max < lrf.rpm:
+        raise ConfigError(
+            f"lrf.rpm_max = {lrf.rpm_max:g}: must be at least lrf.rpm = {lrf.rpm:g}"
+        )
+    if not lrf.range_min_m < lrf.range_trusted_m <= lrf.range_max_m:
+        raise ConfigError(
+            f"lrf: range_min_m = {lrf.range_min_m:g} < range_trusted_m = "
+            f"{lrf.range_trusted_m:g} <= range_max_m = {lrf.range_max_m:g} must hold"
+        )
+    for name in ("angles_deg", "signs"):
+        values = getattr(wheels, name)
+        if len(values) != 3:  # noqa: PLR2004 - three omni wheels is what this base is
+            raise ConfigError(f"wheels.{name} = {list(values)}: must have three entries, one a wheel")
+    if any(abs(sign) != 1.0 for sign in wheels.signs):
+        raise ConfigError(f"wheels.signs = {list(wheels.signs)}: each must be 1.0 or -1.0")
+    if len({angle % 360.0 for angle in wheels.angles_deg}) < 3:  # noqa: PLR2004
+        raise ConfigError(
+            f"wheels.angles_deg = {list(wheels.angles_deg)}: two wheels stand at the same angle"
+        )
+
+
+def load(path: Path | None, overrides: Iterable[str] = ()) -> Config:
+    """Read a configuration file (None: defaults) and apply `section.key=value` overrides.
+
+    Raises
+    ------
+    ConfigError
+        One line: what is wrong, where, and what it may be.
+    """
+    tables: dict[str, dict[str, Any]] = {}
+    where = "defaults"
+    if path is not None:
+        where = str(path)
+        tables = _read_toml(path)
+    config = from_tables(tables, where)
+    for override in overrides:
+        config = from_tables(_override_table(override, config), "--set", base=config)
+    return config
+
+
+def _read_toml(path: Path) -> dict[str, Any]:
+    try:
+        with path.open("rb") as file:
+            return tomllib.load(file)
+    except FileNotFoundError:
+        raise ConfigError(f"{path}: no such configuration file") from None
+    except IsADirectoryError:
+        raise ConfigError(f"{path}: is a directory, not a configuration file") from None
+    except PermissionError:
+        raise ConfigError(f"{path}: may not be read by this user") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: not TOML: {error}") from None
+
+
+def _override_table(override: str, config: Config) -> dict[str, dict[str, Any]]:
+    name, equals, text = override.partition("=")
+    section, dot, key = name.strip().partition(".")
+    if not equals or not dot or not key:
+        raise ConfigError(f"--set {override}: expected section.key=value, e.g. lrf.rpm=250")
+    try:
+        value = tomllib.loads(f"value = {text.strip()}")["value"]
+    except tomllib.TOMLDecodeError:
+        value = text.strip()  # a bare word is a string
+    return {section: {key: value}}
+
+
+def from_tables(
+    tables: Mapping[str, Any], where: str, base: Config | None = None
+) -> Config:
+    """Build a `Config` from parsed TOML, on top of `base` (default: the defaults)."""
+    base = base or Config()
+    names = [f.name for f in dataclasses.fields(Config)]
+    sections: dict[str, Any] = {}
+    for name, table in tables.items():
+        if name not in names:
+            raise ConfigError(f"{where}: unknown section [{name}]{_did_you_mean(name, names)}")
+        if not isinstance(table, Mapping):
+            raise ConfigError(f"{where}: '{name}' must be a section [{name}], not a value")
+        sections[name] = _section(getattr(base, name), name, table, where)
+    try:
+        return dataclasses.replace(base, **sections)
+    except ConfigError as error:
+        raise ConfigError(f"{where}: {error}") from None
+
+
+def _section(base: Any, name: str, table: Mapping[str, Any], where: str) -> Any:
+    hints = get_type_hints(type(base))
+    fields = {f.name: f for f in dataclasses.fields(base)}
+    values: dict[str, Any] = {}
+    for key, value in table.items():
+        if key not in fields:
+            raise ConfigError(
+                f"{where}: unknown option '{name}.{key}'{_did_you_mean(key, fields)}"
+            )
+        try:
+            values[key] = _checked(value, hints[key], fields[key].metadata)
+        except ValueError as error:
+            raise ConfigError(f"{where}: {name}.{key} = {_toml(value)}: {error}") from None
+    return dataclasses.replace(base, **values)
+
+
+def _did_you_mean(name: str, known: Iterable[str]) -> str:
+    close = difflib.get_close_matches(name, list(known), n=1)
+    return f"; did you mean '{close[0]}'?" if close else ""
+
+
+def _checked(value: Any, kind: Any, bounds: Mapping[str, Any]) -> Any:
+    """The value in its declared type, or ValueError that says what it must be."""
+    if kind is bool:
+        if not isinstance(value, bool):
+            raise ValueError("must be true or false")
+        return value
+    if kind is str:
+        if not isinstance(value, str):
+            raise ValueError('must be text in quotes, "..."')
+        choices = bounds["choices"]
+        if choices and value not in choices:
+            raise ValueError("must be one of " + ", ".join(f'"{c}"' for c in choices))
+        return value
+    if kind is int:
+        if isinstance(value, bool) or not isinstance(value, int):
+            raise ValueError("must be a whole number")
+        return _bounded(value, bounds)
+    if kind is float:
+        return _bounded(_number(value), bounds)
+    if not isinstance(value, list | tuple):
+        raise ValueError("must be a list of numbers, [a, b, ...]")
+    return tuple(_bounded(_number(v), bounds) for v in value)
+
+
+def _number(value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise ValueError("must be a number")
+    if not math.isfinite(value):
+        raise ValueError("must be finite")
+    return float(value)
+
+
+def _bounded(value: Any, bounds: Mapping[str, Any]) -> Any:
+    if bounds["above"] is not None and not value > bounds["above"]:
+        raise ValueError(f"must be above {bounds['above']:g}")
+    if bounds["at_least"] is not None and not value >= bounds["at_least"]:
+        raise ValueError(f"must be at least {bounds['at_least']:g}")
+    if bounds["at_most"] is not None and not value <= bounds["at_most"]:
+        raise ValueError(f"must be at most {bounds['at_most']:g}")
+    return value
+
+
+def _toml(value: Any) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(_toml(v) for v in value) + "]"
+    return repr(value)
+
+
+def to_toml(config: Config) -> str:
+    """The whole configuration as TOML without comments; `load` reads it back equal."""
+    lines: list[str] = []
+    for section in dataclasses.fields(config):
+        values = getattr(config, section.name)
+        lines.append(f"[{section.name}]")
+        lines += [f"{f.name} = {_toml(getattr(values, f.name))}" for f in dataclasses.fields(values)]
+        lines.append("")
+    return "\n".join(lines)
+
+
+def reference_toml() -> str:
+    """The commented reference configuration: every option, its default, bounds and reason."""
+    config = Config()
+    lines = [
+        "# Every option with its default. Copy what you change into your own file;",
+        "# `ins-robot check-config FILE` checks it. Units are in the names.",
+        "",
+    ]
+    for section in dataclasses.fields(config):
+        values = getattr(config, section.name)
+        doc = (type(values).__doc__ or "").strip()
+        lines += [f"# {doc}", f"[{section.name}]"]
+        for f in dataclasses.fields(values):
+            note = "; ".join(part for part in (f.metadata["doc"], _limits(f.metadata)) if part)
+            if note:
+                lines.append(f"# {note}")
+            lines.append(f"{f.name} = {_toml(getattr(values, f.name))}")
+        lines.append("")
+    return "\n".join(lines)
+
+
+def _limits(bounds: Mapping[str, Any]) -> str:
+    if bounds["choices"]:
+        return "one of " + ", ".join(f'"{c}"' for c in bounds["choices"])
+    parts = [
+        f"{word} {bounds[key]:g}"
+        for key, word in (("above", "above"), ("at_least", "at least"), ("at_most", "at most"))
+        if bounds[key] is not None
+    ]
+    return "[" + ", ".join(parts) + "]" if parts else ""

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""Where the robot is: Kalman filter, particle filter, SLAM."""

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""The paper's INS: gaps, nodes, neighbours, the way to the next scan."""
