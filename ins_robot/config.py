@@ -339,9 +339,11 @@ def load(path: Path | None, overrides: Iterable[str] = ()) -> Config:
         where = str(path)
         tables = _read_toml(path)
     config = from_tables(tables, where)
-    for override in overrides:
-        config = from_tables(_override_table(override, config), "--set", base=config)
-    return config
+    wanted: dict[str, dict[str, Any]] = {}
+    for override in overrides:  # all together: two options may need each other's new value
+        for section, table in _override_table(override).items():
+            wanted.setdefault(section, {}).update(table)
+    return from_tables(wanted, "--set", base=config) if wanted else config
 
 
 def _read_toml(path: Path) -> dict[str, Any]:
@@ -358,7 +360,7 @@ def _read_toml(path: Path) -> dict[str, Any]:
         raise ConfigError(f"{path}: not TOML: {error}") from None
 
 
-def _override_table(override: str, config: Config) -> dict[str, dict[str, Any]]:
+def _override_table(override: str) -> dict[str, dict[str, Any]]:
     name, equals, text = override.partition("=")
     section, dot, key = name.strip().partition(".")
     if not equals or not dot or not key:

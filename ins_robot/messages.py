@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -170,3 +171,15 @@ class PlannedPath:
     def length_m(self) -> float:
         """Length of the polyline."""
         return float(np.hypot(*np.diff(self.points_m, axis=0).T).sum())
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Mark:
+    """Something that happened between the data: a scan begun or ended, a command, a verdict.
+
+    `kind` is a word of docs/protocols.md; `payload` holds JSON values only.
+    """
+
+    stamp_s: float
+    kind: str
+    payload: dict[str, Any] = field(default_factory=dict)
