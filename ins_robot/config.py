@@ -31,7 +31,11 @@ def option(
 ) -> Any:
     """Declare one option: default, one line of reason, and what it may be."""
     metadata = {
-        "doc": doc, "above": above, "at_least": at_least, "at_most": at_most, "choices": choices,
+        "doc": doc,
+        "above": above,
+        "at_least": at_least,
+        "at_most": at_most,
+        "choices": choices,
     }
     return field(default=default, metadata=metadata)
 
@@ -40,7 +44,9 @@ def option(
 class RobotConfig:
     """The body."""
 
-    radius_m: float = option(0.20, "body radius, the circle that must not touch a wall", above=0.0)
+    radius_m: float = option(
+        0.20, "body radius, the circle that must not touch a wall", above=0.0
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -50,7 +56,9 @@ class WheelsConfig:
     port: str = option("/dev/ins-motors", "serial device of the motor microcontroller (MCU)")
     baud: int = option(115200, "line speed; ignored by USB devices", at_least=1200)
     radius_m: float = option(0.05, "wheel radius", above=0.0, at_most=1.0)
-    arm_m: float = option(0.15, "distance from the body centre to a wheel", above=0.0, at_most=2.0)
+    arm_m: float = option(
+        0.15, "distance from the body centre to a wheel", above=0.0, at_most=2.0
+    )
     angles_deg: tuple[float, ...] = option(
         (60.0, 180.0, 300.0), "polar angle of each wheel from the body's x axis, ccw"
     )
@@ -61,7 +69,9 @@ class WheelsConfig:
     quadrature: int = option(4, "counts per pulse", at_least=1, at_most=4)
     speed_max_radps: float = option(8.0, "fastest a wheel may turn", above=0.0)
     dead_man_s: float = option(
-        0.2, "the MCU stops the wheels when no set point arrives for this long", above=0.0,
+        0.2,
+        "the MCU stops the wheels when no set point arrives for this long",
+        above=0.0,
         at_most=2.0,
     )
     silence_timeout_s: float = option(
@@ -79,25 +89,32 @@ class LrfConfig:
     port: str = option("/dev/ins-lrf", "serial device of the XV Lidar Controller")
     baud: int = option(115200, "line speed; ignored by USB devices", at_least=1200)
     power: str = option(
-        "on_demand", "motor only while scanning (the paper), or always on, feeding SLAM on the way",
+        "on_demand",
+        "motor only while scanning (the paper), or always on, feeding SLAM on the way",
         choices=("on_demand", "continuous"),
     )
     rpm: float = option(200.0, "set speed (the paper's)", at_least=180.0, at_most=349.0)
     rpm_max: float = option(
-        300.0, "the set speed is raised up to this when beams say 'too slow'", at_least=180.0,
+        300.0,
+        "the set speed is raised up to this when beams say 'too slow'",
+        at_least=180.0,
         at_most=349.0,
     )
     rpm_step: float = option(25.0, "by how much it is raised at a time", above=0.0)
     rpm_tolerance: float = option(
-        0.08, "a revolution whose speed is off by more (share of the set speed) is rejected",
-        above=0.0, at_most=0.5,
+        0.08,
+        "a revolution whose speed is off by more (share of the set speed) is rejected",
+        above=0.0,
+        at_most=0.5,
     )
     revolutions: int = option(5, "revolutions combined into one scan (the paper's)", at_least=1)
     spin_up_timeout_s: float = option(
         6.0, "no steady revolution within this after motor-on is a fault", above=0.0
     )
     sector_deg: float = option(
-        150.0, "scans after the first look this far to each side of the heading", above=0.0,
+        150.0,
+        "scans after the first look this far to each side of the heading",
+        above=0.0,
         at_most=180.0,
     )
     range_min_m: float = option(0.10, "nearer readings are the robot itself", at_least=0.0)
@@ -113,7 +130,9 @@ class LrfConfig:
     x_m: float = option(0.0, "where the LRF sits on the body")
     y_m: float = option(0.0, "where the LRF sits on the body")
     yaw_deg: float = option(0.0, "bearing of the first beam; an XV-11 is often near -10")
-    is_clockwise: bool = option(False, "turns clockwise seen from above (upside-down, other makes)")
+    is_clockwise: bool = option(
+        False, "turns clockwise seen from above (upside-down, other makes)"
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -126,11 +145,15 @@ class ImuConfig:
     gyro_sign: float = option(1.0, "-1 when mounted upside-down", at_least=-1.0, at_most=1.0)
     gyro_scale: float = option(1.0, "true rate / reported rate, from calibration", above=0.0)
     bias_time_s: float = option(2.0, "standstill averaged for the bias at start", above=0.0)
-    bias_std_max_dps: float = option(0.3, "more spread than this is not a standstill", above=0.0)
+    bias_std_max_dps: float = option(
+        0.3, "more spread than this is not a standstill", above=0.0
+    )
     use_compass: bool = option(True, "false: heading from gyro and LRF alone")
     compass_yaw_deg: float = option(0.0, "bearing of the compass's x axis on the body")
     field_tolerance: float = option(
-        0.2, "compass refused when the field norm is off by more (share of the first)", above=0.0
+        0.2,
+        "compass refused when the field norm is off by more (share of the first)",
+        above=0.0,
     )
     disagreement_deg: float = option(
         4.0, "compass refused when it turned this much other than the gyro", above=0.0
@@ -151,11 +174,15 @@ class KalmanConfig:
     slip_gate_radps: float = option(
         0.15, "encoder and gyro disagreeing by more is slip", above=0.0
     )
-    slip_inflation: float = option(10.0, "by how much slip inflates the encoder noise", at_least=1.0)
+    slip_inflation: float = option(
+        10.0, "by how much slip inflates the encoder noise", at_least=1.0
+    )
     odometry_std_per_m: float = option(
         0.03, "position error per sqrt(metre) driven, for the pose uncertainty", above=0.0
     )
-    heading_std_per_rad: float = option(0.02, "heading error per sqrt(radian) turned", above=0.0)
+    heading_std_per_rad: float = option(
+        0.02, "heading error per sqrt(radian) turned", above=0.0
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -167,13 +194,19 @@ class ControlConfig:
     turn_radps: float = option(1.0, "fastest turn", above=0.0, at_most=6.0)
     accel_mps2: float = option(0.4, "fastest change of speed", above=0.0)
     yaw_accel_radps2: float = option(2.0, "fastest change of turn rate", above=0.0)
-    position_gain_per_s: float = option(2.0, "K of e' = -K e in x and y", above=0.0, at_most=10.0)
-    heading_gain_per_s: float = option(2.5, "K of e' = -K e in heading", above=0.0, at_most=10.0)
+    position_gain_per_s: float = option(
+        2.0, "K of e' = -K e in x and y", above=0.0, at_most=10.0
+    )
+    heading_gain_per_s: float = option(
+        2.5, "K of e' = -K e in heading", above=0.0, at_most=10.0
+    )
     position_tolerance_m: float = option(0.03, "arrived", above=0.0)
     heading_tolerance_deg: float = option(2.0, "arrived", above=0.0)
     stale_pose_s: float = option(0.3, "no odometry for this long: command zero", above=0.0)
     guard: bool = option(True, "the collision guard has the last word")
-    guard_margin_m: float = option(0.02, "clearance the guard keeps around the body", at_least=0.0)
+    guard_margin_m: float = option(
+        0.02, "clearance the guard keeps around the body", at_least=0.0
+    )
     stuck_s: float = option(6.0, "no progress for this long: the goal is given up", above=0.0)
 
 
@@ -182,23 +215,29 @@ class ExplorationConfig:
     """The INS: which gap next."""
 
     strategy: str = option(
-        "min-gap", "narrowest gap of the cheapest node; widest; or back along the order of traversal",
+        "min-gap",
+        "narrowest gap of the cheapest node; widest; or back along the order of traversal",
         choices=("min-gap", "max-gap", "backtrack"),
     )
-    gap_range_m: float = option(
-        4.0, "readings longer than this (or none) are a gap", above=0.0
+    gap_range_m: float = option(4.0, "readings longer than this (or none) are a gap", above=0.0)
+    gap_jump_m: float = option(
+        0.5, "a range jump between beams of more than this is a gap", above=0.0
     )
-    gap_jump_m: float = option(0.5, "a range jump between beams of more than this is a gap", above=0.0)
     clearance_m: float = option(0.03, "kept free around the body when planning", at_least=0.0)
     neighbour_range_m: float = option(
-        12.0, "rule A: nodes closer than this may be neighbours (twice the scan range)", above=0.0
+        12.0,
+        "rule A: nodes closer than this may be neighbours (twice the scan range)",
+        above=0.0,
     )
     visibility_guard: bool = option(
-        True, "a gap counts as explored by the rules only where the map has really been seen; "
-        "false: the paper's rules as printed"
+        True,
+        "a gap counts as explored by the rules only where the map has really been seen; "
+        "false: the paper's rules as printed",
     )
     frontier_min_m: float = option(
-        0.3, "with the guard: unseen edges of the map at least this long become gaps too", above=0.0
+        0.3,
+        "with the guard: unseen edges of the map at least this long become gaps too",
+        above=0.0,
     )
     max_radius_m: float = option(0.0, "stay this near to the start; 0 = no limit", at_least=0.0)
     max_scans: int = option(2000, "a run ends after this many", at_least=1)
@@ -210,12 +249,16 @@ class SlamConfig:
     """Pose and map correction."""
 
     estimator: str = option(
-        "particle", "particle filter against the map, or the Kalman filter's odometry alone",
+        "particle",
+        "particle filter against the map, or the Kalman filter's odometry alone",
         choices=("odometry", "particle"),
     )
     particles: int = option(100, "particle count", at_least=2, at_most=5000)
     resample_below: float = option(
-        0.5, "resample when the effective sample size falls below this share", above=0.0, at_most=1.0
+        0.5,
+        "resample when the effective sample size falls below this share",
+        above=0.0,
+        at_most=1.0,
     )
     bearing_std_deg: float = option(0.5, "bearing noise of a beam", above=0.0)
     node_distance_m: float = option(
@@ -238,13 +281,18 @@ class MapConfig:
     hit_log_odds: float = option(0.9, "what a beam's end adds", above=0.0)
     miss_log_odds: float = option(0.4, "what a beam's way takes", above=0.0)
     log_odds_max: float = option(4.0, "clamp, so that doors can re-open", above=0.0)
+    beam_max_m: float = option(
+        20.0, "beams are drawn this far at most; bounds the map and its cost", above=0.0
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DaemonConfig:
     """The process, its files and its socket."""
 
-    socket: str = option("/run/ins-robot/control.sock", "where the client commands find the daemon")
+    socket: str = option(
+        "/run/ins-robot/control.sock", "where the client commands find the daemon"
+    )
     runs: str = option("/var/lib/ins-robot/runs", "directory of the recorded runs")
     keep_runs: int = option(20, "older runs are removed; 0 = keep all", at_least=0)
     keep_free_mb: int = option(200, "a run is not started with less disk free", at_least=0)
@@ -255,13 +303,17 @@ class DaemonConfig:
 class SimulationConfig:
     """The simulated robot and its sensors; read by `simulate` and `emulate` only."""
 
-    slip_std: float = option(0.01, "wheel slip: standard deviation as a share of speed", at_least=0.0)
+    slip_std: float = option(
+        0.01, "wheel slip: standard deviation as a share of speed", at_least=0.0
+    )
     slip_bias_std: float = option(
         0.01, "each wheel's constant scale error, drawn once", at_least=0.0
     )
     motor_lag_s: float = option(0.08, "time constant of a wheel motor", above=0.0)
     gyro_noise_dps: float = option(0.05, "gyro noise per reading", at_least=0.0)
-    gyro_bias_dps: float = option(1.0, "standard deviation of the initial gyro bias", at_least=0.0)
+    gyro_bias_dps: float = option(
+        1.0, "standard deviation of the initial gyro bias", at_least=0.0
+    )
     gyro_drift_dps: float = option(0.002, "gyro bias random walk per sqrt(s)", at_least=0.0)
     gyro_scale_std: float = option(0.005, "scale error of the gyro, drawn once", at_least=0.0)
     compass_noise_deg: float = option(1.0, "compass noise per reading", at_least=0.0)
@@ -269,15 +321,21 @@ class SimulationConfig:
         1.0, "strength of the metal objects around; 0 = none", at_least=0.0
     )
     range_std_floor_m: float = option(0.002, "LRF noise floor", at_least=0.0)
-    range_std_per_m2: float = option(0.00083, "LRF noise growth with range squared", at_least=0.0)
-    drop_out: float = option(0.03, "share of beams lost for no reason", at_least=0.0, at_most=1.0)
+    range_std_per_m2: float = option(
+        0.00083, "LRF noise growth with range squared", at_least=0.0
+    )
+    drop_out: float = option(
+        0.03, "share of beams lost for no reason", at_least=0.0, at_most=1.0
+    )
     drop_out_grazing: float = option(
         1.0, "strength of losses at grazing incidence and on dark walls", at_least=0.0
     )
     mixed_pixels: float = option(
         0.5, "share of the beams across an edge that land between", at_least=0.0, at_most=1.0
     )
-    rpm_ripple: float = option(0.003, "standard deviation of the LRF's speed, share", at_least=0.0)
+    rpm_ripple: float = option(
+        0.003, "standard deviation of the LRF's speed, share", at_least=0.0
+    )
     compass_chip: str = option("hmc5883l", "which compass", choices=("hmc5883l", "qmc5883l"))
 
 
@@ -316,7 +374,9 @@ def _check_across(config: Config) -> None:
     for name in ("angles_deg", "signs"):
         values = getattr(wheels, name)
         if len(values) != 3:  # noqa: PLR2004 - three omni wheels is what this base is
-            raise ConfigError(f"wheels.{name} = {list(values)}: must have three entries, one a wheel")
+            raise ConfigError(
+                f"wheels.{name} = {list(values)}: must have three entries, one a wheel"
+            )
     if any(abs(sign) != 1.0 for sign in wheels.signs):
         raise ConfigError(f"wheels.signs = {list(wheels.signs)}: each must be 1.0 or -1.0")
     if len({angle % 360.0 for angle in wheels.angles_deg}) < 3:  # noqa: PLR2004
@@ -372,9 +432,7 @@ def _override_table(override: str) -> dict[str, dict[str, Any]]:
     return {section: {key: value}}
 
 
-def from_tables(
-    tables: Mapping[str, Any], where: str, base: Config | None = None
-) -> Config:
+def from_tables(tables: Mapping[str, Any], where: str, base: Config | None = None) -> Config:
     """Build a `Config` from parsed TOML, on top of `base` (default: the defaults)."""
     base = base or Config()
     names = [f.name for f in dataclasses.fields(Config)]
@@ -470,7 +528,9 @@ def to_toml(config: Config) -> str:
     for section in dataclasses.fields(config):
         values = getattr(config, section.name)
         lines.append(f"[{section.name}]")
-        lines += [f"{f.name} = {_toml(getattr(values, f.name))}" for f in dataclasses.fields(values)]
+        lines += [
+            f"{f.name} = {_toml(getattr(values, f.name))}" for f in dataclasses.fields(values)
+        ]
         lines.append("")
     return "\n".join(lines)
 

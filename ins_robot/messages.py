@@ -94,7 +94,10 @@ class LaserScan:
 
     def __post_init__(self) -> None:
         _freeze(
-            self.bearings_rad, self.ranges_m, self.range_std_m, self.beam_offsets_s,
+            self.bearings_rad,
+            self.ranges_m,
+            self.range_std_m,
+            self.beam_offsets_s,
             self.valid_counts,
         )
 

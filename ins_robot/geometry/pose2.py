@@ -45,7 +45,9 @@ class Pose2:
         """The motion that undoes this one."""
         c, s = math.cos(self.heading_rad), math.sin(self.heading_rad)
         return Pose2(
-            -c * self.x_m - s * self.y_m, s * self.x_m - c * self.y_m, wrap_rad(-self.heading_rad)
+            -c * self.x_m - s * self.y_m,
+            s * self.x_m - c * self.y_m,
+            wrap_rad(-self.heading_rad),
         )
 
     def between(self, other: Pose2) -> Pose2:

@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: MIT
+"""The last word on every velocity: slower, or not at all, towards what is known to be there.
+
+It knows the distance to the nearest obstacle of the map and, where the LRF runs while driving,
+the points of the last revolution. It looks as far ahead as braking takes. Moving away from an
+obstacle is always allowed, so a robot found too near a wall can leave it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from ins_robot.config import ControlConfig
+from ins_robot.geometry.angles import FloatArray
+from ins_robot.geometry.pose2 import Pose2
+from ins_robot.messages import VelocityCommand
+
+REACTION_S = 0.15  # motor lag and one tick
+SCALES = (1.0, 0.6, 0.3, 0.1)
+
+
+@dataclass(frozen=True, slots=True)
+class Surroundings:
+    """What the guard knows of the obstacles, in the map frame.
+
+    `distance_m` is (H, W), metres from a cell's centre to the nearest occupied cell's centre;
+    `origin_m` the lower-left corner of cell (0, 0). `points_m` is (N, 2), seen while driving.
+    """
+
+    distance_m: np.ndarray
+    origin_m: tuple[float, float]
+    resolution_m: float
+    points_m: FloatArray | None = None
+
+    def clearance_m(self, x_m: float, y_m: float) -> float:
+        """From a place to the nearest known obstacle's surface; infinite off the map."""
+        row = int(math.floor((y_m - self.origin_m[1]) / self.resolution_m))
+        col = int(math.floor((x_m - self.origin_m[0]) / self.resolution_m))
+        height, width = self.distance_m.shape
+        clearance = math.inf
+        if 0 <= row < height and 0 <= col < width:
+            clearance = self.distance_m.item(row, col) - 0.5 * self.resolution_m
+        if self.points_m is not None and len(self.points_m):
+            dx, dy = self.points_m[:, 0] - x_m, self.points_m[:, 1] - y_m
+            clearance = min(clearance, math.sqrt(float((dx * dx + dy * dy).min())))
+        return clearance
+
+
+class CollisionGuard:
+    """Slows or refuses a velocity that would end in a known obstacle."""
+
+    def __init__(self, config: ControlConfig, robot_radius_m: float) -> None:
+        self._keep_m = robot_radius_m + config.guard_margin_m
+        self._brake_mps2 = config.accel_mps2
+        self._surroundings: Surroundings | None = None
+
+    def observe(self, surroundings: Surroundings) -> None:
+        """Replace what is known of the obstacles."""
+        self._surroundings = surroundings
+
+    def apply(self, pose: Pose2, wanted: VelocityCommand) -> tuple[VelocityCommand, bool]:
+        """The velocity allowed at `pose` (map frame), and whether it differs."""
+        speed = math.hypot(wanted.vx_mps, wanted.vy_mps)
+        known = self._surroundings
+        if known is None or speed < 1e-3:  # noqa: PLR2004 - standing
+            return wanted, False
+        c, s = math.cos(pose.heading_rad), math.sin(pose.heading_rad)
+        ux = (c * wanted.vx_mps - s * wanted.vy_mps) / speed
+        uy = (s * wanted.vx_mps + c * wanted.vy_mps) / speed
+        here_m = known.clearance_m(pose.x_m, pose.y_m)
+        for scale in SCALES:
+            ahead_m = self._stopping_m(scale * speed)
+            there_m = known.clearance_m(pose.x_m + ux * ahead_m, pose.y_m + uy * ahead_m)
+            if there_m >= min(self._keep_m, here_m):
+                return _scaled(wanted, scale), scale < 1.0
+        return VelocityCommand(yaw_rate_radps=wanted.yaw_rate_radps), True
+
+    def _stopping_m(self, speed_mps: float) -> float:
+        return speed_mps * REACTION_S + speed_mps**2 / (2.0 * self._brake_mps2)
+
+
+class NoGuard:
+    """For `control.guard = false`: lets everything pass."""
+
+    def observe(self, surroundings: Surroundings) -> None:
+        """Nothing to know."""
+
+    def apply(self, pose: Pose2, wanted: VelocityCommand) -> tuple[VelocityCommand, bool]:
+        """The wanted velocity as it is."""
+        return wanted, False
+
+
+def _scaled(velocity: VelocityCommand, scale: float) -> VelocityCommand:
+    return VelocityCommand(
+        vx_mps=scale * velocity.vx_mps,
+        vy_mps=scale * velocity.vy_mps,
+        yaw_rate_radps=velocity.yaw_rate_radps,
+    )
