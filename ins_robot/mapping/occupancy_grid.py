@@ -1,0 +1,160 @@
+# SPDX-License-Identifier: MIT
+"""Occupancy grid in log-odds: scans at known poses in, free, occupied and unknown cells out.
+
+Cells are (row, col), row grows with +y; metres are (x, y); conversion happens only here. The
+grid grows in blocks whose corners lie on one fixed lattice, so that grids built from the same
+scans by other ways hold the same cells. Elfes (1989); Thrun, Burgard, Fox (2005), chapter 9.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt
+
+from ins_robot.config import MapConfig
+from ins_robot.geometry.angles import FloatArray
+from ins_robot.geometry.pose2 import Pose2
+from ins_robot.mapping.scan_footprint import ScanFootprint, draw_scan
+from ins_robot.messages import LaserScan
+
+IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
+
+BLOCK_CELLS = 64
+KNOWN_LOG_ODDS = 0.05  # less evidence than this says nothing (the weakest miss is 0.1)
+OCCUPIED_LOG_ODDS = 0.2  # one weak far hit is not yet a wall
+
+
+class OccupancyGrid:
+    """Log-odds of occupancy per cell; 0 where nothing is known.
+
+    Attributes
+    ----------
+    resolution_m : float
+        Edge of a cell.
+    log_odds : (H, W) float32
+        Clamped to +-`config.log_odds_max`. Replaced by a larger array when the grid grows.
+    origin_m : (x, y)
+        Outer corner of cell (0, 0), in the map frame.
+    """
+
+    def __init__(self, resolution_m: float, config: MapConfig) -> None:
+        self.resolution_m = resolution_m
+        self._config = config
+        self._corner = (0, 0)  # lattice (row, col) of cell (0, 0)
+        self.log_odds: NDArray[np.float32] = np.zeros((BLOCK_CELLS, BLOCK_CELLS), np.float32)
+        self._corner = (-BLOCK_CELLS // 2, -BLOCK_CELLS // 2)
+        self._distance_m: FloatArray | None = None
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(H, W)."""
+        return self.log_odds.shape[0], self.log_odds.shape[1]
+
+    @property
+    def origin_m(self) -> tuple[float, float]:
+        """Outer corner (x, y) of cell (0, 0), in the map frame."""
+        return self._corner[1] * self.resolution_m, self._corner[0] * self.resolution_m
+
+    def cells(self, points_m: FloatArray) -> IntArray:
+        """(..., 2) cells (row, col) that hold the points (..., 2); may lie outside the grid."""
+        lattice = np.floor(np.asarray(points_m, float) / self.resolution_m).astype(np.int64)
+        return lattice[..., ::-1] - self._corner
+
+    def metres(self, cells: IntArray) -> FloatArray:
+        """(..., 2) centres (x, y) of cells (..., 2)."""
+        lattice = np.asarray(cells, dtype=np.float64) + self._corner + 0.5
+        return lattice[..., ::-1] * self.resolution_m
+
+    def contains(self, cells: IntArray) -> BoolArray:
+        """(...) bool: which cells (..., 2) lie inside the grid."""
+        cells = np.asarray(cells)
+        rows, cols = cells[..., 0], cells[..., 1]
+        height, width = self.shape
+        return np.asarray((rows >= 0) & (rows < height) & (cols >= 0) & (cols < width))
+
+    def log_odds_at(self, points_m: FloatArray) -> FloatArray:
+        """(...) log-odds at points (..., 2); 0 outside, where all is unknown."""
+        cells = self.cells(points_m)
+        inside = self.contains(cells)
+        values = np.zeros(inside.shape)
+        values[inside] = self.log_odds[cells[inside][:, 0], cells[inside][:, 1]]
+        return values
+
+    @property
+    def is_occupied(self) -> BoolArray:
+        """(H, W) bool."""
+        return self.log_odds > OCCUPIED_LOG_ODDS
+
+    @property
+    def is_free(self) -> BoolArray:
+        """(H, W) bool."""
+        return self.log_odds < -KNOWN_LOG_ODDS
+
+    @property
+    def is_unknown(self) -> BoolArray:
+        """(H, W) bool: neither free nor occupied."""
+        return (self.log_odds >= -KNOWN_LOG_ODDS) & (self.log_odds <= OCCUPIED_LOG_ODDS)
+
+    def distance_m(self) -> FloatArray:
+        """(H, W) Euclidean distance to the nearest occupied cell; inf when there is none.
+
+        Cached until the grid changes; the array is read-only.
+        """
+        if self._distance_m is None:
+            occupied = self.is_occupied
+            if occupied.any():
+                distance = distance_transform_edt(~occupied, sampling=self.resolution_m)
+            else:
+                distance = np.full(self.shape, np.inf)
+            distance.flags.writeable = False
+            self._distance_m = distance
+        return self._distance_m
+
+    def integrate(
+        self, scan: LaserScan, map_from_lrf: Pose2, range_trusted_m: float
+    ) -> ScanFootprint:
+        """Add one scan: each cell takes at most one hit or one miss; a hit beats a miss.
+
+        `range_trusted_m` bounds what silent beams may free. Returns what was drawn.
+        """
+        footprint = draw_scan(
+            scan, map_from_lrf, self.resolution_m, range_trusted_m, self._config.beam_max_m
+        )
+        self.add(footprint)
+        return footprint
+
+    def add(self, footprint: ScanFootprint) -> None:
+        """Add the evidence of a drawn scan, clamped."""
+        height, width = footprint.evidence.shape
+        if height == 0 or width == 0:
+            return
+        row, col = self._grow_to(footprint.corner, (height, width))
+        window = self.log_odds[row : row + height, col : col + width]
+        step = np.where(
+            footprint.evidence > 0.0,
+            footprint.evidence * np.float32(self._config.hit_log_odds),
+            footprint.evidence * np.float32(self._config.miss_log_odds),
+        )
+        limit = np.float32(self._config.log_odds_max)
+        np.clip(window + step, -limit, limit, out=window)
+        self._distance_m = None
+
+    def _grow_to(self, corner: tuple[int, int], size: tuple[int, int]) -> tuple[int, int]:
+        """Make room for a lattice window; returns its first cell."""
+        low = [min(self._corner[i], corner[i] // BLOCK_CELLS * BLOCK_CELLS) for i in (0, 1)]
+        high = [
+            max(
+                self._corner[i] + self.shape[i],
+                -(-(corner[i] + size[i]) // BLOCK_CELLS) * BLOCK_CELLS,
+            )
+            for i in (0, 1)
+        ]
+        shape = (high[0] - low[0], high[1] - low[1])
+        if shape != self.shape:
+            grown = np.zeros(shape, np.float32)
+            row, col = self._corner[0] - low[0], self._corner[1] - low[1]
+            grown[row : row + self.shape[0], col : col + self.shape[1]] = self.log_odds
+            self.log_odds, self._corner = grown, (low[0], low[1])
+        return corner[0] - self._corner[0], corner[1] - self._corner[1]

@@ -1,0 +1,146 @@
+# SPDX-License-Identifier: MIT
+"""What one scan says about each cell: a scan at a pose in, hits and misses on the lattice out.
+
+Every beam is sampled along its free way, finer than a cell; its end is a hit. A beam without a
+reading frees only what the sensor means by silence: everything where silence means "nothing
+there", else as far as the nearer of the two readings beside its run, and never past what the
+sensor is trusted for. Weak and far returns weigh less.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ins_robot.geometry.angles import FloatArray
+from ins_robot.geometry.pose2 import Pose2
+from ins_robot.messages import LaserScan
+
+MISS_WEIGHT_MIN = 0.25  # the way of a noisy beam was free all the same
+SAMPLE_SHARE = 0.6  # a beam is looked at this often per cell: only touched corners are skipped
+FULL_TURN_SHARE = 0.97  # bearings that span this share of a turn close on themselves
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ScanFootprint:
+    """Evidence of one scan on the map's lattice.
+
+    Attributes
+    ----------
+    corner : (row, col)
+        Lattice cell of `evidence[0, 0]`.
+    evidence : (H, W) float32
+        Weight in (0, 1] of a hit, minus the weight of a miss, 0 where the scan says nothing.
+    """
+
+    corner: tuple[int, int]
+    evidence: NDArray[np.float32]
+
+
+def draw_scan(
+    scan: LaserScan,
+    map_from_lrf: Pose2,
+    resolution_m: float,
+    range_trusted_m: float,
+    beam_max_m: float,
+) -> ScanFootprint:
+    """Rasterise a scan taken at `map_from_lrf`."""
+    weights = beam_weights(scan, resolution_m)
+    order = np.argsort(weights, kind="stable")  # heavier evidence is written later, and stays
+    weights = weights[order]
+    bearings = scan.bearings_rad[order] + map_from_lrf.heading_rad
+    step_col, step_row = np.cos(bearings) / resolution_m, np.sin(bearings) / resolution_m
+    start_col, start_row = map_from_lrf.x_m / resolution_m, map_from_lrf.y_m / resolution_m
+    free_m = free_ranges_m(scan, resolution_m, range_trusted_m, beam_max_m)[order]
+    ranges = scan.ranges_m[order]
+    hit = np.nan_to_num(ranges, nan=np.inf) <= beam_max_m
+    hit_col = np.floor(start_col + step_col[hit] * ranges[hit]).astype(np.int64)
+    hit_row = np.floor(start_row + step_row[hit] * ranges[hit]).astype(np.int64)
+
+    reach = np.maximum(free_m, np.where(hit, ranges, 0.0))
+    if not (reach > 0.0).any():
+        return ScanFootprint(corner=(0, 0), evidence=np.zeros((0, 0), np.float32))
+    end_col, end_row = start_col + step_col * reach, start_row + step_row * reach
+    col, row = (
+        math.floor(min(end_col.min(), start_col)),
+        math.floor(min(end_row.min(), start_row)),
+    )
+    width = math.floor(max(end_col.max(), start_col)) - col + 1
+    height = math.floor(max(end_row.max(), start_row)) - row + 1
+
+    along, beams = _along_ways(free_m, SAMPLE_SHARE * resolution_m)
+    miss_col = np.take(step_col, beams) * along + (start_col - col)
+    miss_row = np.take(step_row, beams) * along + (start_row - row)
+    evidence = np.zeros((height, width), np.float32)
+    flat = evidence.reshape(-1)
+    cells = miss_row.astype(np.int32) * np.int32(width) + miss_col.astype(np.int32)
+    # numpy keeps the last of several writes to one cell: the heaviest miss, then the hits
+    flat[cells] = np.take(-np.maximum(weights, MISS_WEIGHT_MIN).astype(np.float32), beams)
+    flat[(hit_row - row) * width + (hit_col - col)] = weights[hit]
+    return ScanFootprint(corner=(row, col), evidence=evidence)
+
+
+def beam_weights(scan: LaserScan, resolution_m: float) -> FloatArray:
+    """(B,) in (0, 1]: near 1 while the range is surer than half a cell, then falling.
+
+    Silent beams weigh what the median reading weighs.
+    """
+    noise_cells = scan.range_std_m / (0.5 * resolution_m)
+    weights = 1.0 / (1.0 + noise_cells**2)
+    silent = ~np.isfinite(weights)
+    if silent.all():
+        return np.full(len(weights), MISS_WEIGHT_MIN)
+    weights[silent] = np.median(weights[~silent])
+    return weights
+
+
+def free_ranges_m(
+    scan: LaserScan, resolution_m: float, range_trusted_m: float, beam_max_m: float
+) -> FloatArray:
+    """(B,) how far each beam's way is known to be free; 0 where nothing is."""
+    valid = scan.is_valid
+    ranges = np.where(valid, scan.ranges_m, np.inf)
+    noise = np.where(valid, scan.range_std_m, 0.0)
+    silent = min(scan.range_max_m, beam_max_m)
+    if not scan.is_free_when_silent:
+        reach = min(range_trusted_m, silent)
+        ranges = np.where(valid, ranges, np.minimum(_nearer_neighbour_m(scan), reach))
+    # the last cell before the end, and what noise reaches, stay untouched
+    end = ranges - np.maximum(resolution_m, 2.0 * np.nan_to_num(noise))
+    return np.asarray(np.clip(np.minimum(end, silent), 0.0, None))
+
+
+def _nearer_neighbour_m(scan: LaserScan) -> FloatArray:
+    """(B,) the nearer of the two readings beside each silent run; 0 at an open end."""
+    valid = scan.is_valid
+    if not valid.any():
+        return np.zeros(len(valid))
+    count = len(valid)
+    order = np.argsort(scan.bearings_rad, kind="stable")
+    sorted_valid, sorted_ranges = valid[order], scan.ranges_m[order]
+    bearings = scan.bearings_rad[order]
+    span = (bearings[-1] - bearings[0]) * count / max(count - 1, 1)
+    where = np.flatnonzero(sorted_valid)
+    after = np.searchsorted(where, np.arange(count))  # index of the next valid beam
+    before = after - 1
+    ranges = sorted_ranges[where]
+    if span >= FULL_TURN_SHARE * 2.0 * math.pi:
+        nearer = np.minimum(ranges[before % len(where)], ranges[after % len(where)])
+    else:
+        padded = np.concatenate([[0.0], ranges, [0.0]])
+        nearer = np.minimum(padded[before + 1], padded[after + 1])
+    result = np.empty(count)
+    result[order] = nearer
+    return result
+
+
+def _along_ways(free_m: FloatArray, step_m: float) -> tuple[FloatArray, NDArray[np.int64]]:
+    """Samples of the free ways: distance from the sensor (N,) and beam (N,), beam by beam."""
+    counts = np.ceil(free_m / step_m).astype(np.int64)
+    beams = np.repeat(np.arange(len(free_m)), counts)
+    starts = np.cumsum(counts) - counts
+    along = np.arange(len(beams), dtype=np.float64) - np.take(starts, beams)
+    return along * step_m, beams.astype(np.int64)
