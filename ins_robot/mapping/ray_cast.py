@@ -2,8 +2,8 @@
 """Exact traversal of a grid by many rays at once; shared by the map and the simulated LRF.
 
 A ray enters a cell only where it crosses a column line or a row line. Either family of
-crossings is equally spaced along the ray (Amanatides & Woo 1987), so both are looked up as whole
-arrays, and the nearer of the two first hits is exact: no stepping, no error by the cell size.
+crossings is equally spaced along the ray (Amanatides & Woo 1987), so both are looked up as
+whole arrays, and the nearer of the two first hits is exact: no stepping, no cell-sized error.
 Cells are (row, col), row grows with +y; the point (row, col) = (2.5, 3.5) is a cell's centre.
 """
 
