@@ -68,10 +68,13 @@ class WheelsConfig:
     pulses_per_rev: int = option(1024, "encoder pulses per wheel revolution", at_least=1)
     quadrature: int = option(4, "counts per pulse", at_least=1, at_most=4)
     speed_max_radps: float = option(8.0, "fastest a wheel may turn", above=0.0)
+    free_speed_radps: float = option(
+        12.0, "speed of an unloaded wheel at full duty; the MCU's feed-forward", above=0.0
+    )
     dead_man_s: float = option(
         0.2,
         "the MCU stops the wheels when no set point arrives for this long",
-        above=0.0,
+        at_least=0.02,
         at_most=2.0,
     )
     silence_timeout_s: float = option(
@@ -379,6 +382,11 @@ def _check_across(config: Config) -> None:
             )
     if any(abs(sign) != 1.0 for sign in wheels.signs):
         raise ConfigError(f"wheels.signs = {list(wheels.signs)}: each must be 1.0 or -1.0")
+    if wheels.free_speed_radps < wheels.speed_max_radps:
+        raise ConfigError(
+            f"wheels.free_speed_radps = {wheels.free_speed_radps:g}: must be at least "
+            f"wheels.speed_max_radps = {wheels.speed_max_radps:g}"
+        )
     if len({angle % 360.0 for angle in wheels.angles_deg}) < 3:  # noqa: PLR2004
         raise ConfigError(
             f"wheels.angles_deg = {list(wheels.angles_deg)}: two wheels stand at the same angle"
