@@ -1,0 +1,26 @@
+# SPDX-License-Identifier: MIT
+"""`ins-robot start`: begin a run; prints its name."""
+
+from __future__ import annotations
+
+import argparse
+
+from ins_robot.cli.config_source import add_config_argument
+from ins_robot.cli.control_client import request
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    parser.add_argument(
+        "--name",
+        default="",
+        metavar="N",
+        help="what to call the run; its directory is NUMBER-N (default: run)",
+    )
+    add_config_argument(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Ask for a run."""
+    print(request(args, "start", name=args.name))
+    return 0

@@ -1,0 +1,117 @@
+# SPDX-License-Identifier: MIT
+"""The `ins-robot` command: a table of commands, and one module each, imported when chosen.
+
+A command module has `add_arguments(parser)` and `run(args) -> int` (the exit code), and imports
+what is heavy inside `run`. Data goes to stdout, words to stderr. A known error (RobotError) is
+one line and exit code 1; wrong usage is 2; anything else is a bug and keeps its traceback.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import os
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from types import ModuleType
+
+from ins_robot import __version__
+from ins_robot.errors import RobotError
+
+EXIT_ERROR = 1
+EXIT_INTERRUPTED = 130  # 128 + SIGINT, as shells count
+EXIT_BROKEN_PIPE = 141  # 128 + SIGPIPE
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """A line of `--help`, and the module in `cli/commands` that does the work."""
+
+    name: str
+    module: str
+    summary: str
+
+
+COMMANDS = (
+    Command("daemon", "daemon", "run the robot: devices, estimation, exploration"),
+    Command("start", "start", "begin a run: explore and map"),
+    Command("stop", "order", "end the run; its map is saved"),
+    Command("pause", "order", "stand still; the run goes on with `resume`"),
+    Command("resume", "order", "go on after `pause`"),
+    Command("estop", "order", "stop the motors at once; latched until `clear`"),
+    Command("clear", "order", "release the emergency stop and latched faults"),
+    Command("status", "status", "what the robot is doing"),
+    Command("map", "fetch_map", "the running map, or the last finished one"),
+    Command("runs", "runs", "list the recorded runs, or delete some"),
+    Command("check-config", "check_config", "check a configuration file"),
+    Command("simulate", "simulate", "explore a simulated world with the whole daemon"),
+    Command("replay", "replay", "run the core on a recording or a log"),
+    Command("emulate", "emulate", "the devices in real time, for `daemon` and other programs"),
+)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one command and return its exit code."""
+    arguments = sys.argv[1:] if argv is None else list(argv)
+    try:
+        code = _run(arguments)
+        sys.stdout.flush()
+    except BrokenPipeError:
+        # The reader of our output has left (`ins-robot runs | head -1`). Python flushes stdout
+        # once more at exit; let that go nowhere.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return EXIT_BROKEN_PIPE
+    except KeyboardInterrupt:
+        return EXIT_INTERRUPTED
+    except RobotError as error:
+        return _report(str(error))
+    except OSError as error:
+        if error.filename is None:
+            raise  # no file named: nothing the user could act on, so keep the traceback
+        return _report(f"{error.filename}: {error.strerror}")
+    return code
+
+
+def _run(arguments: Sequence[str]) -> int:
+    parser, subparsers = _parsers()
+    chosen = next((word for word in arguments if not word.startswith("-")), None)
+    module: ModuleType | None = None
+    for command in COMMANDS:
+        if command.name == chosen:
+            module = importlib.import_module(f"ins_robot.cli.commands.{command.module}")
+            module.add_arguments(subparsers[command.name])
+    args = parser.parse_args(arguments)
+    if module is None:  # no command at all; an unknown one has been refused by argparse
+        parser.print_help(sys.stderr)
+        return 2
+    code: int = module.run(args)
+    return code
+
+
+def _parsers() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParser]]:
+    parser = argparse.ArgumentParser(
+        prog="ins-robot",
+        description="A robot that explores an unknown building by itself and maps it.",
+        epilog="`ins-robot COMMAND --help` tells the options of a command.",
+        # Room for the longest command name beside its summary.
+        formatter_class=lambda prog: argparse.HelpFormatter(prog, max_help_position=20),
+        allow_abbrev=False,
+    )
+    parser.add_argument("--version", action="version", version=f"ins-robot {__version__}")
+    group = parser.add_subparsers(dest="command", metavar="COMMAND")
+    subparsers = {
+        command.name: group.add_parser(
+            command.name,
+            help=command.summary,
+            description=command.summary[0].upper() + command.summary[1:] + ".",
+            allow_abbrev=False,
+        )
+        for command in COMMANDS
+    }
+    return parser, subparsers
+
+
+def _report(message: str) -> int:
+    print("ins-robot: " + " ".join(message.split()), file=sys.stderr)
+    return EXIT_ERROR

@@ -1,0 +1,204 @@
+# SPDX-License-Identifier: MIT
+"""What is said on the control socket: requests and replies, one JSON object a line.
+
+A request names a command of `RobotCommands` and its arguments; the reply carries the result, or
+the kind and message of an error. docs/protocols.md describes the bytes. Light on purpose: the
+command line imports this file, so it imports neither asyncio nor numpy.
+"""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import difflib
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+from ins_robot import errors
+from ins_robot.errors import RobotError, StateError, WireError
+
+VERSION = 1
+REQUEST_MAX_BYTES = 64 * 1024
+REPLY_MAX_BYTES = 64 * 1024 * 1024
+MAP_FORMATS = ("png", "pgm", "yaml")
+
+
+class RobotCommands(Protocol):
+    """What a client may ask of the daemon; a refusal is a RobotError, mostly a StateError.
+
+    Commands of several clients may overlap: `estop` comes in while `stop` still saves the map.
+    """
+
+    async def start(self, name: str) -> str:
+        """Begin a run; `name` may be "". Returns the run's name, e.g. "0007-lab"."""
+        ...
+
+    async def stop(self) -> str:
+        """End the run and save its map. Returns the run's name."""
+        ...
+
+    async def pause(self) -> None:
+        """Stand still."""
+        ...
+
+    async def resume(self) -> None:
+        """Go on after `pause`."""
+        ...
+
+    async def estop(self) -> None:
+        """Stop the motors now, latched. Works in every state."""
+        ...
+
+    async def clear(self) -> None:
+        """Release the emergency stop and latched faults."""
+        ...
+
+    async def status(self) -> dict[str, Any]:
+        """JSON values by name; "state" is always there."""
+        ...
+
+    async def map(self, format: str) -> bytes:
+        """The running map, else the last finished one, as a file of `MAP_FORMATS`."""
+        ...
+
+    async def runs(self) -> list[dict[str, Any]]:
+        """The recorded runs, oldest first (`run_store.RunInfo.as_dict`)."""
+        ...
+
+    async def delete_runs(self, names: list[str]) -> None:
+        """Remove recorded runs: all of `names`, or none and an error."""
+        ...
+
+
+# The arguments of every command and their types; nothing else is accepted.
+ARGUMENTS: dict[str, dict[str, type]] = {
+    "start": {"name": str},
+    "stop": {},
+    "pause": {},
+    "resume": {},
+    "estop": {},
+    "clear": {},
+    "status": {},
+    "map": {"format": str},
+    "runs": {},
+    "delete_runs": {"names": list},
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Request:
+    """One command with its arguments, all present and of the declared types."""
+
+    command: str
+    arguments: Mapping[str, Any] = field(default_factory=dict)
+
+
+def encode_request(request: Request) -> bytes:
+    """The request as one line."""
+    body = {"v": VERSION, "command": request.command, "arguments": dict(request.arguments)}
+    return _line(body)
+
+
+def decode_request(line: bytes) -> Request:
+    """Read a request line. Raises WireError that tells the client what is wrong with it."""
+    body = _object(line, "request")
+    command, arguments = body.get("command"), body.get("arguments", {})
+    if not isinstance(command, str) or command not in ARGUMENTS:
+        close = difflib.get_close_matches(str(command), ARGUMENTS, n=1)
+        hint = f"; did you mean '{close[0]}'?" if close else f"; known: {', '.join(ARGUMENTS)}"
+        raise WireError(f"control request: unknown command {json.dumps(command)}{hint}")
+    if not isinstance(arguments, dict):
+        raise WireError(f"control request '{command}': 'arguments' must be an object")
+    wanted = ARGUMENTS[command]
+    for name in arguments:
+        if name not in wanted:
+            raise WireError(f"control request '{command}': unknown argument '{name}'")
+    for name, kind in wanted.items():
+        value = arguments.get(name)
+        if not isinstance(value, kind) or (
+            isinstance(value, list) and not all(isinstance(item, str) for item in value)
+        ):
+            what = "a list of strings" if kind is list else "a string"
+            raise WireError(f"control request '{command}': argument '{name}' must be {what}")
+    return Request(command=command, arguments=arguments)
+
+
+async def dispatch(request: Request, commands: RobotCommands) -> Any:
+    """Carry out a request; the result is a JSON value (map bytes as base64 text)."""
+    if request.command == "map":
+        wanted = request.arguments["format"]
+        if wanted not in MAP_FORMATS:
+            raise WireError(f"map format '{wanted}': must be one of {', '.join(MAP_FORMATS)}")
+        return base64.b64encode(await commands.map(wanted)).decode("ascii")
+    return await getattr(commands, request.command)(**request.arguments)
+
+
+def encode_result(result: Any) -> bytes:
+    """The reply to a request that was carried out."""
+    return _line({"v": VERSION, "ok": True, "result": _finite(result)})
+
+
+def encode_error(error: RobotError) -> bytes:
+    """The reply to a request that was refused or failed."""
+    return _line(
+        {
+            "v": VERSION,
+            "ok": False,
+            "error": {"kind": type(error).__name__, "message": str(error)},
+        }
+    )
+
+
+def decode_reply(line: bytes) -> Any:
+    """The result in a reply line; an error in it is raised as it was in the daemon."""
+    body = _object(line, "reply")
+    if body.get("ok") is True:
+        return body.get("result")
+    error = body.get("error")
+    if not isinstance(error, dict):
+        raise WireError("control reply: neither a result nor an error")
+    kind = getattr(errors, str(error.get("kind")), None)
+    if not (isinstance(kind, type) and issubclass(kind, RobotError)):
+        kind = StateError
+    raise kind(str(error.get("message")))
+
+
+def decode_map(result: Any) -> bytes:
+    """The bytes of the map file in the result of `map`."""
+    try:
+        return base64.b64decode(result, validate=True)
+    except (TypeError, ValueError, binascii.Error):
+        raise WireError("control reply: the map is not base64 text") from None
+
+
+def _finite(value: Any) -> Any:
+    """The same value with null for NaN and infinity, which JSON does not have."""
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, Mapping):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(item) for item in value]
+    return value
+
+
+def _line(body: dict[str, Any]) -> bytes:
+    return json.dumps(body, allow_nan=False, separators=(",", ":")).encode() + b"\n"
+
+
+def _object(line: bytes, what: str) -> dict[str, Any]:
+    try:
+        body = json.loads(line)
+    except (ValueError, RecursionError):
+        raise WireError(f"control {what}: not a line of JSON") from None
+    if not isinstance(body, dict):
+        raise WireError(f"control {what}: must be a JSON object")
+    if body.get("v") != VERSION:
+        raise WireError(
+            f"control {what}: protocol version {json.dumps(body.get('v'))}, this side speaks "
+            f"{VERSION}: command line and daemon are of different releases; restart the daemon"
+        )
+    return body
