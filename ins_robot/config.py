@@ -174,6 +174,9 @@ class KalmanConfig:
     wheel_yaw_std_radps: float = option(0.05, "noise of the yaw rate from encoders", above=0.0)
     gyro_std_radps: float = option(0.002, "noise of the gyro", above=0.0)
     compass_std_deg: float = option(15.0, "noise of an accepted compass heading", above=0.0)
+    compass_spacing_m: float = option(
+        1.0, "a compass errs alike this far around: one update per this distance", at_least=0.0
+    )
     slip_gate_radps: float = option(
         0.15, "encoder and gyro disagreeing by more is slip", above=0.0
     )

@@ -1,0 +1,205 @@
+# SPDX-License-Identifier: MIT
+"""The centralized Kalman filter: encoders, gyro and compass in one state of seven.
+
+In come the base velocity from count differences, the gyro's mean rate over the same interval and
+now and then a compass heading; out come pose, velocity and gyro bias with their covariance, in
+the `odom` frame. filterpy's extended Kalman filter does the algebra; model, noise and gates are
+here. Follows Bar-Shalom, Li & Kirubarajan, "Estimation with Applications to Tracking and
+Navigation" (2001), section 6.3.2, and Thrun, Burgard & Fox, "Probabilistic Robotics" (2005).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from filterpy.kalman import ExtendedKalmanFilter
+
+from ins_robot.config import KalmanConfig
+from ins_robot.errors import StateError
+from ins_robot.geometry.angles import FloatArray, wrap_rad
+
+# Chi-square of 4 degrees of freedom is above this once in 100,000 fair innovations.
+INNOVATION_GATE = 28.5
+START_VELOCITY_STD = 1e-3  # the robot starts standing
+
+
+class State:
+    """Where each quantity lives in the state vector."""
+
+    X = 0
+    Y = 1
+    HEADING = 2
+    VX = 3
+    VY = 4
+    YAW_RATE = 5
+    GYRO_BIAS = 6
+    POSITION = slice(0, 2)
+    POSE = slice(0, 3)
+    TWIST = slice(3, 6)
+    SIZE = 7
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MotionNoise:
+    """Standard deviations of one interval's measured velocity."""
+
+    wheel_std_mps: float
+    wheel_yaw_std_radps: float
+    gyro_std_radps: float
+
+
+_WHEELS_H = np.zeros((3, State.SIZE))
+_WHEELS_H[0, State.VX] = _WHEELS_H[1, State.VY] = _WHEELS_H[2, State.YAW_RATE] = 1.0
+_GYRO_H = np.zeros((1, State.SIZE))
+_GYRO_H[0, State.YAW_RATE] = _GYRO_H[0, State.GYRO_BIAS] = 1.0
+_BOTH_H = np.vstack([_WHEELS_H, _GYRO_H])
+
+
+class CentralKalman:
+    """Extended Kalman filter over x, y, heading (odom), vx, vy, yaw rate (base), gyro bias.
+
+    The velocity in the state is the *mean* over the interval just predicted, which is what count
+    differences and an integrated gyro measure. So `predict` carries the pose by the velocity
+    after its random step, and the update that follows corrects both: in steady state the pose
+    integrates the measured displacement without lag.
+    """
+
+    def __init__(self, config: KalmanConfig) -> None:
+        self._config = config
+        self._ekf = ExtendedKalmanFilter(State.SIZE, 4)
+        self._ekf.x = np.zeros(State.SIZE)
+        self._ekf.predict_x = self._move  # filterpy: "override this function"
+        self._dt_s = 0.0
+        self.surprises = 0
+        self.reset(gyro_bias_radps=0.0, gyro_bias_std_radps=0.0)
+
+    def reset(self, *, gyro_bias_radps: float, gyro_bias_std_radps: float) -> None:
+        """Start again: standing at the origin of `odom`, with a known gyro bias."""
+        ekf = self._ekf
+        ekf.x = np.zeros(State.SIZE)
+        ekf.x[State.GYRO_BIAS] = gyro_bias_radps
+        ekf.P = np.zeros((State.SIZE, State.SIZE))
+        for i in range(State.TWIST.start, State.TWIST.stop):
+            ekf.P[i, i] = START_VELOCITY_STD**2
+        ekf.P[State.GYRO_BIAS, State.GYRO_BIAS] = gyro_bias_std_radps**2
+
+    @property
+    def state(self) -> FloatArray:
+        """(7,) state, see `State`; the heading is not wrapped. Not to be written to."""
+        state: FloatArray = self._ekf.x
+        return state
+
+    @property
+    def covariance(self) -> FloatArray:
+        """(7, 7) covariance of `state`. Not to be written to."""
+        covariance: FloatArray = self._ekf.P
+        return covariance
+
+    def predict(self, dt_s: float) -> None:
+        """Move the estimate on by `dt_s` seconds at its velocity."""
+        ekf, config = self._ekf, self._config
+        heading, vx, vy, omega = ekf.x[State.HEADING : State.GYRO_BIAS].tolist()
+        # Mid-point rule: over one interval the base faces, on average, half-way through its turn.
+        middle = heading + 0.5 * omega * dt_s
+        c, s = math.cos(middle), math.sin(middle)
+        step_x, step_y = dt_s * (c * vx - s * vy), dt_s * (s * vx + c * vy)
+        F = ekf.F
+        F[State.X, 2:6] = (-step_y, dt_s * c, -dt_s * s, -0.5 * dt_s * step_y)
+        F[State.Y, 2:6] = (step_x, dt_s * s, dt_s * c, 0.5 * dt_s * step_x)
+        F[State.HEADING, State.YAW_RATE] = dt_s
+        # Discrete white noise acceleration, constant over an interval (Bar-Shalom 6.3.2): each
+        # mean velocity differs from the last by accel * dt. The pose is carried by the velocity
+        # after that step, so the step goes into P before F does: F (P + q) F' + Q.
+        linear_var = (config.accel_std_mps2 * dt_s) ** 2
+        ekf.P[State.VX, State.VX] += linear_var
+        ekf.P[State.VY, State.VY] += linear_var
+        ekf.P[State.YAW_RATE, State.YAW_RATE] += (config.yaw_accel_std_radps2 * dt_s) ** 2
+        # What no velocity noise explains: wheel radius, floor, gyro scale; it grows with the way.
+        way_var = config.odometry_std_per_m**2 * math.hypot(vx, vy) * dt_s
+        Q = np.zeros((State.SIZE, State.SIZE))
+        Q[State.X, State.X] = Q[State.Y, State.Y] = way_var
+        Q[State.HEADING, State.HEADING] = config.heading_std_per_rad**2 * abs(omega) * dt_s
+        Q[State.GYRO_BIAS, State.GYRO_BIAS] = config.bias_drift_std_radps**2 * dt_s
+        ekf.Q = Q
+        self._dt_s = dt_s
+        ekf.predict()
+
+    def _move(self, _command: float = 0.0) -> None:
+        """Non-linear part of the prediction: x <- f(x)."""
+        x, y, heading, vx, vy, omega, _bias = self._ekf.x.tolist()
+        dt_s = self._dt_s
+        middle = heading + 0.5 * omega * dt_s
+        c, s = math.cos(middle), math.sin(middle)
+        moved: FloatArray = self._ekf.x.copy()
+        moved[State.X] = x + dt_s * (c * vx - s * vy)
+        moved[State.Y] = y + dt_s * (s * vx + c * vy)
+        moved[State.HEADING] = heading + dt_s * omega
+        self._ekf.x = moved
+
+    def update_wheels(
+        self,
+        vx_mps: float,
+        vy_mps: float,
+        yaw_rate_radps: float,
+        noise: MotionNoise,
+        gyro_radps: float | None = None,
+    ) -> bool:
+        """Correct with the encoders and, stacked, the gyro (bias not removed) of one interval.
+
+        Returns False when the innovation was too large to be noise; it was then used with its
+        noise inflated until it is just believable.
+        """
+        wheel_var = noise.wheel_std_mps**2
+        variances = [wheel_var, wheel_var, noise.wheel_yaw_std_radps**2]
+        if gyro_radps is None:
+            return self._update([vx_mps, vy_mps, yaw_rate_radps], _WHEELS_H, variances)
+        variances.append(noise.gyro_std_radps**2)
+        return self._update([vx_mps, vy_mps, yaw_rate_radps, gyro_radps], _BOTH_H, variances)
+
+    def update_gyro(self, gyro_radps: float, std_radps: float) -> bool:
+        """Correct with the gyro alone (bias not removed); as `update_wheels`."""
+        return self._update([gyro_radps], _GYRO_H, [std_radps**2])
+
+    def update_compass(self, heading_rad: float, std_rad: float) -> None:
+        """Correct the heading, and with it the bias, but never the position.
+
+        Odometry must not jump: what the position would gain from a better heading is left to
+        SLAM. So this is a Schmidt-Kalman update: the gain's position rows are zero, and the
+        Joseph form keeps the covariance right for that gain.
+        """
+        ekf = self._ekf
+        P = ekf.P
+        K = P[:, State.HEADING] / (P[State.HEADING, State.HEADING] + std_rad**2)
+        K[State.POSITION] = 0.0
+        innovation = wrap_rad(heading_rad - float(ekf.x[State.HEADING]))
+        ekf.x = ekf.x + K * innovation
+        I_KH = np.eye(State.SIZE)
+        I_KH[:, State.HEADING] -= K
+        ekf.P = I_KH @ P @ I_KH.T + np.outer(K, K) * std_rad**2
+        self._settle()
+
+    def _update(self, values: list[float], H: FloatArray, variances: list[float]) -> bool:
+        ekf = self._ekf
+        x_prior, P_prior = ekf.x, ekf.P
+        z, R = np.array(values), np.diag(variances)
+        ekf.update(z, lambda _x: H, H.dot, R=R)
+        surprise = float(ekf.y @ ekf.SI @ ekf.y)  # normalised innovation squared
+        is_plausible = surprise <= INNOVATION_GATE
+        if not is_plausible:
+            self.surprises += 1
+            ekf.x, ekf.P = x_prior, P_prior
+            ekf.update(z, lambda _x: H, H.dot, R=R * (surprise / INNOVATION_GATE))
+        self._settle()
+        return is_plausible
+
+    def _settle(self) -> None:
+        """Remove what rounding does to the symmetry of P; refuse to go on with NaN."""
+        P = self._ekf.P
+        self._ekf.P = 0.5 * (P + P.T)
+        if not math.isfinite(float(self._ekf.x.sum()) + float(P.sum())):
+            raise StateError(
+                "the Kalman filter's state is no longer finite: an input or the [kalman] "
+                "noise settings are far out of range; restart the run"
+            )
