@@ -37,8 +37,8 @@ class Surroundings:
 
     def clearance_m(self, x_m: float, y_m: float) -> float:
         """From a place to the nearest known obstacle's surface; infinite off the map."""
-        row = int(math.floor((y_m - self.origin_m[1]) / self.resolution_m))
-        col = int(math.floor((x_m - self.origin_m[0]) / self.resolution_m))
+        row = math.floor((y_m - self.origin_m[1]) / self.resolution_m)
+        col = math.floor((x_m - self.origin_m[0]) / self.resolution_m)
         height, width = self.distance_m.shape
         clearance = math.inf
         if 0 <= row < height and 0 <= col < width:

@@ -23,6 +23,10 @@ class VelocityLimits:
         """The wheels stand: the next command starts from rest."""
         self._last = VelocityCommand()
 
+    def follow(self, actual: VelocityCommand) -> None:
+        """The command that was really given, after whatever came behind these limits."""
+        self._last = actual
+
     def apply(self, wanted: VelocityCommand, dt_s: float) -> tuple[VelocityCommand, bool]:
         """The nearest allowed velocity, and whether it differs from the wanted one."""
         config = self._config

@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: MIT
+"""`ins-robot emulate`: the simulated robot's devices in real time, on ptys and a Unix socket.
+
+The file of `--config-out` is a whole configuration: `INS_ROBOT_CONFIG=FILE ins-robot daemon` and
+the client commands run on these devices. Any program that speaks XV-11 may open the LRF's line.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ins_robot.cli.commands.simulate import parse_start
+from ins_robot.cli.config_source import add_config_argument, add_set_argument, load_config
+
+if TYPE_CHECKING:
+    from ins_robot.config import Config
+    from ins_robot.simulation.harness import SimulatedRobot
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Options of `emulate`."""
+    parser.add_argument(
+        "world",
+        metavar="WORLD.yaml",
+        nargs="?",
+        default="rooms",
+        help="ROS map_server YAML, or a world that ships with the package (default: rooms)",
+    )
+    parser.add_argument(
+        "--config-out",
+        metavar="FILE",
+        type=Path,
+        required=True,
+        help="write the configuration for `daemon` and the client commands here",
+    )
+    parser.add_argument(
+        "--seed", metavar="N", type=int, default=0, help="of all noise (default 0)"
+    )
+    parser.add_argument(
+        "--start", metavar="X,Y[,DEG]", help="start pose in the world, metres and degrees"
+    )
+    add_set_argument(parser)
+    add_config_argument(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Serve the devices until SIGTERM or SIGINT."""
+    import asyncio
+    import tempfile
+
+    from ins_robot.simulation.harness import SimulatedRobot
+    from ins_robot.simulation.world import open_world
+
+    config = load_config(args)
+    world = open_world(args.world)
+    start = world.start_pose(parse_start(args.start), config.robot.radius_m)
+    simulated = SimulatedRobot(config, world, start, args.seed)
+    # Short: the path of a Unix socket may have no more than 107 bytes.
+    with tempfile.TemporaryDirectory(prefix="ins-robot-") as lines:
+        asyncio.run(
+            _serve(simulated, emulated_config(config, Path(lines), args.config_out), args)
+        )
+    args.config_out.unlink(missing_ok=True)
+    return 0
+
+
+def emulated_config(config: Config, lines: Path, config_out: Path) -> Config:
+    """The configuration with every device on a line in `lines`, and files beside `config_out`."""
+    from dataclasses import replace
+
+    runs = config_out.absolute().with_suffix(".runs")
+    return replace(
+        config,
+        lrf=replace(config.lrf, port=str(lines / "lrf")),
+        wheels=replace(config.wheels, port=str(lines / "motors")),
+        imu=replace(config.imu, bus=f"unix:{lines / 'imu.sock'}"),
+        daemon=replace(config.daemon, socket=str(lines / "control.sock"), runs=str(runs)),
+    )
+
+
+async def _serve(simulated: SimulatedRobot, config: Config, args: argparse.Namespace) -> None:
+    import asyncio
+    import signal
+
+    from ins_robot.config import to_toml
+    from ins_robot.logs.run_directory import write_atomically
+    from ins_robot.simulation.i2c_socket import I2cSocketServer
+    from ins_robot.simulation.pty_wire import PtyWire
+
+    loop = asyncio.get_running_loop()
+    ended = asyncio.Event()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        loop.add_signal_handler(number, ended.set)
+    lrf = PtyWire(simulated.lrf, Path(config.lrf.port))
+    motors = PtyWire(simulated.motors, Path(config.wheels.port))
+    imu = I2cSocketServer(Path(config.imu.bus.removeprefix("unix:")), simulated.registers)
+    await lrf.open()
+    await motors.open()
+    await imu.open()
+    write_atomically(args.config_out, to_toml(config).encode())
+    print(f"lrf {config.lrf.port}  motors {config.wheels.port}  imu {config.imu.bus}")
+    print(f"ready: INS_ROBOT_CONFIG={args.config_out} ins-robot daemon", flush=True)
+    try:
+        await ended.wait()
+    finally:
+        lrf.close()
+        motors.close()
+        await imu.close()
+        print("emulation ended", file=sys.stderr)

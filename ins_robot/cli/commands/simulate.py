@@ -1,0 +1,144 @@
+# SPDX-License-Identifier: MIT
+"""`ins-robot simulate`: the whole daemon explores a simulated world, on virtual time."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ins_robot.cli.config_source import add_config_argument, add_set_argument, load_config
+from ins_robot.errors import InputError
+
+if TYPE_CHECKING:
+    from ins_robot.config import Config
+    from ins_robot.geometry.pose2 import Pose2
+
+PROGRESS_PERIOD_S = 10.0  # of robot time
+XY, XYDEG = 2, 3
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Options of `simulate`."""
+    parser.add_argument(
+        "world",
+        metavar="WORLD.yaml",
+        nargs="?",
+        default="rooms",
+        help="ROS map_server YAML, or a world that ships with the package (default: rooms)",
+    )
+    parser.add_argument(
+        "--out", metavar="DIR", type=Path, required=True, help="where the files go"
+    )
+    parser.add_argument(
+        "--seed", metavar="N", type=int, default=0, help="of all noise (default 0)"
+    )
+    parser.add_argument(
+        "--start", metavar="X,Y[,DEG]", help="start pose in the world, metres and degrees"
+    )
+    parser.add_argument("--json", action="store_true", help="print summary.json on stdout")
+    add_set_argument(parser)
+    add_config_argument(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Explore; 0 when the run ended by itself or by its budget, 1 when it failed."""
+    from dataclasses import replace
+
+    from ins_robot.daemon.logging_setup import set_up
+    from ins_robot.logs.run_directory import prepare_directory
+    from ins_robot.simulation.virtual_clock import run_virtual
+    from ins_robot.simulation.world import open_world
+
+    if args.seed < 0:
+        raise InputError(f"--seed {args.seed}: must be 0 or more")
+    config = load_config(args)
+    config = replace(config, slam=replace(config.slam, seed=args.seed))
+    world = open_world(args.world)
+    start = world.start_pose(parse_start(args.start), config.robot.radius_m)
+    prepare_directory(args.out)
+    set_up("warning")
+    summary = run_virtual(_simulate(config, world, start, args.seed, args.out))
+    if args.json:
+        print(json.dumps(summary, indent=1))
+    else:
+        print(describe(summary, args.out))
+    return 0 if summary["state"] != "failed" else 1
+
+
+async def _simulate(
+    config: Config, world: Any, start: Pose2, seed: int, directory: Path
+) -> dict[str, Any]:
+    import asyncio
+
+    from ins_robot.daemon.runtime import Robot
+    from ins_robot.simulation.harness import SimulatedRobot
+
+    clock = asyncio.get_running_loop().time
+    simulated = SimulatedRobot(config, world, start, seed)
+    connector = simulated.memory_connector(clock)
+    robot = Robot(config, connector, clock_kind="virtual", annotate=simulated.annotate)
+    robot.supervisor.add_task("simulator", lambda: simulated.pump(connector))
+    robot.supervisor.add_task("director", lambda: _direct(robot, directory))
+    await robot.serve()
+    assert robot.last_summary is not None
+    return robot.last_summary
+
+
+async def _direct(robot: Any, directory: Path) -> None:
+    """Start one run once all devices are there, and shut down after it."""
+    import asyncio
+
+    while robot.pipeline.missing:
+        await asyncio.sleep(0.1)
+    robot.begin(directory, directory.name or "simulated")
+    is_terminal = sys.stderr.isatty()
+    while not robot.finished.is_set():
+        try:
+            async with asyncio.timeout(PROGRESS_PERIOD_S):
+                await robot.finished.wait()
+        except TimeoutError:
+            if is_terminal and robot.mission is not None:
+                core = robot.mission.core
+                print(
+                    f"\r{core.last_stamp_s:6.0f} s  {core.path_length_m:6.1f} m  "
+                    f"{core.scans:3d} scans  {robot.mission.state:<12}",
+                    end="",
+                    file=sys.stderr,
+                    flush=True,
+                )
+    if is_terminal:
+        print(file=sys.stderr)
+    robot.supervisor.shut_down("the run is over")
+
+
+def parse_start(text: str | None) -> tuple[float, ...] | None:
+    """`X,Y` or `X,Y,DEG` as numbers; None for none."""
+    if text is None:
+        return None
+    try:
+        values = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        values = ()
+    if len(values) not in (XY, XYDEG) or not all(abs(v) < float("inf") for v in values):
+        raise InputError(f"--start {text}: expected X,Y or X,Y,DEG in metres and degrees")
+    return values
+
+
+def describe(summary: dict[str, Any], directory: Path) -> str:
+    """What a person wants to know of a run, in a few lines."""
+    lines = [
+        f"{summary['state']}: {summary['reason']}",
+        f"{summary['scans']} scans, {summary['path_length_m']:.1f} m, "
+        f"{summary['duration_s']:.0f} s of robot time in {summary['wall_time_s']:.1f} s",
+    ]
+    if "coverage" in summary:
+        lines.append(
+            f"coverage {summary['coverage']:.3f}, wall error {summary['wall_error_m']:.3f} m, "
+            f"localization {summary['localization_rmse_m']:.3f} m / "
+            f"{summary['heading_rmse_deg']:.2f} deg, collisions {summary['collisions']}"
+        )
+    lines.append(f"map: {directory / 'map.png'}")
+    return "\n".join(lines)

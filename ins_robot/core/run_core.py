@@ -1,0 +1,181 @@
+# SPDX-License-Identifier: MIT
+"""All of a run that is computed: the same records in the same order give the same run.
+
+The daemon journals what enters here, message by message and mark by mark; replay reads the
+journal and calls the same methods. A scan is prepared on the event loop (cheap), computed in the
+worker (`compute`), and applied on the loop. SLAM lives in the map frame and the Kalman filter in
+the odom frame, so the moment of applying changes nothing but where the robot is steered.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from ins_robot.config import Config
+from ins_robot.core.odometry import Odometry
+from ins_robot.core.survey import Decision, Sector, Survey, Timer
+from ins_robot.core.trajectory import Anchor, TrajectoryRecorder
+from ins_robot.geometry.angles import FloatArray
+from ins_robot.geometry.pose2 import Pose2
+from ins_robot.messages import ImuSample, LaserScan, MotionIncrement, PoseEstimate, WheelSample
+from ins_robot.navigation.explorer import Drive
+from ins_robot.sensing.deskew import deskew
+from ins_robot.sensing.scan_filter import combine, select_sector
+
+TRAJECTORY_PERIOD_S = 0.1
+FIRST_SECTOR = Sector()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ScanJob:
+    """One scan, ready for the worker."""
+
+    scan: LaserScan
+    motion: MotionIncrement
+    odom_from_base: Pose2
+    sector: Sector | None  # None: on the way, no decision
+    is_node: bool | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ScanOutcome:
+    """What the worker made of it; the decision is None for a scan on the way."""
+
+    job: ScanJob
+    estimate: PoseEstimate
+    decision: Decision | None
+
+
+class RunCore:
+    """Odometry, survey and trajectory of one run."""
+
+    def __init__(self, config: Config, rng: np.random.Generator, timer_s: Timer) -> None:
+        self._config = config
+        self._base_from_lrf = Pose2(config.lrf.x_m, config.lrf.y_m, 0.0)
+        self._later_sector = Sector(half_width_rad=math.radians(config.lrf.sector_deg))
+        self.odometry = Odometry(config.kalman, config.imu, config.wheels)
+        self.survey = Survey(config, rng, timer_s)
+        self.trajectory = TrajectoryRecorder()
+        self.map_from_odom = Pose2()
+        self.path_length_m = 0.0
+        self.scans = 0
+        self.sweeps = 0
+        self.first_stamp_s: float | None = None
+        self.last_stamp_s = 0.0
+        self._revolutions: list[LaserScan] = []
+        self._odom_at_scans: list[Pose2] = []
+        self._located_at_s: float | None = None
+        self._recorded_at_s = -math.inf
+        self._last_odom = Pose2()
+
+    @property
+    def pose(self) -> Pose2:
+        """The robot in the map, now."""
+        return self.map_from_odom @ self.odometry.pose
+
+    @property
+    def position_std_m(self) -> float:
+        """How far off the position may be since the last scan that located the robot."""
+        if self._located_at_s is None:
+            return 0.0
+        doubt = self.odometry.increment(self._located_at_s, self.last_stamp_s).covariance
+        return math.sqrt(float(doubt[0, 0] + doubt[1, 1]))
+
+    @property
+    def next_sector(self) -> Sector:
+        """The first scan looks all around, later ones forward (the paper's +-150 deg)."""
+        return self._later_sector if self.scans else FIRST_SECTOR
+
+    # What enters, in the order of the journal.
+
+    def on_imu(self, sample: ImuSample) -> None:
+        """A reading of gyro and compass."""
+        self.odometry.on_imu(sample)
+
+    def on_wheels(self, sample: WheelSample) -> None:
+        """A telemetry frame: the heartbeat of the odometry."""
+        self.odometry.on_wheels(sample)
+        if self.first_stamp_s is None:
+            self.first_stamp_s = sample.stamp_s
+        self.last_stamp_s = sample.stamp_s
+        pose = self.odometry.pose
+        self.path_length_m += self._last_odom.distance_m(pose)
+        self._last_odom = pose
+        if sample.stamp_s - self._recorded_at_s >= TRAJECTORY_PERIOD_S - 1e-3:
+            self._recorded_at_s = sample.stamp_s
+            self.trajectory.add(sample.stamp_s, pose)
+
+    def begin_scan(self) -> None:
+        """Revolutions from here on belong together."""
+        self._revolutions.clear()
+
+    def on_revolution(self, revolution: LaserScan) -> int:
+        """One more revolution; how many there are."""
+        self._revolutions.append(revolution)
+        return len(self._revolutions)
+
+    def prepare_node_scan(self, set_rpm: float) -> ScanJob:
+        """The revolutions since `begin_scan`, taken standing, as one scan at a node."""
+        sector = self.next_sector
+        whole = combine(self._revolutions, self._config.lrf, set_rpm)
+        scan = select_sector(whole, sector.centre_rad, sector.half_width_rad)
+        self.scans += 1
+        return self._job(scan, sector, is_node=True)
+
+    def prepare_sweep(self, *, may_be_node: bool) -> ScanJob:
+        """The last revolution, taken while driving, de-skewed to its first beam's pose."""
+        raw = self._revolutions[-1]
+        at_beams = self.odometry.poses_at(raw.stamp_s + raw.beam_offsets_s)
+        at_stamp = self.odometry.poses_at(np.array([raw.stamp_s]))[0]
+        scan = deskew(raw, at_beams, at_stamp, self._base_from_lrf)
+        self.sweeps += 1
+        return self._job(scan, None, is_node=None if may_be_node else False)
+
+    def compute(self, job: ScanJob) -> ScanOutcome:
+        """The heavy part; in the worker."""
+        if job.sector is None:
+            estimate = self.survey.scan_on_the_way(job.scan, job.motion, job.is_node)
+            return ScanOutcome(job=job, estimate=estimate, decision=None)
+        estimate, decision = self.survey.scan_at_node(job.scan, job.motion, job.sector)
+        return ScanOutcome(job=job, estimate=estimate, decision=decision)
+
+    def apply(self, outcome: ScanOutcome) -> None:
+        """Let the correction steer the robot."""
+        self.map_from_odom = outcome.estimate.pose @ outcome.job.odom_from_base.inverse()
+
+    def give_up(self, goal: Drive, why: str, pose: Pose2) -> Decision:
+        """The goal could not be reached; in the worker."""
+        return self.survey.give_up(goal, why, pose)
+
+    # What comes out at the end.
+
+    def corrected_trajectory(self) -> tuple[FloatArray, FloatArray]:
+        """Stamps (N,) and map_from_base poses (N, 3), corrections applied to the whole past."""
+        nodes = self.survey.slam.nodes
+        anchors = [
+            Anchor(
+                stamp_s=anchor.stamp_s,
+                odom_from_base=odom,
+                map_from_base=nodes[anchor.node_id].pose @ anchor.node_from_base,
+            )
+            for anchor, odom in zip(self.survey.slam.anchors, self._odom_at_scans, strict=True)
+        ]
+        return self.trajectory.corrected(anchors)
+
+    def _job(self, scan: LaserScan, sector: Sector | None, *, is_node: bool | None) -> ScanJob:
+        stamp_s = scan.stamp_s
+        since_s = stamp_s if self._located_at_s is None else self._located_at_s
+        motion = self.odometry.increment(since_s, stamp_s)
+        odom_from_base = Pose2.from_array(self.odometry.poses_at(np.array([stamp_s]))[0])
+        self._located_at_s = stamp_s
+        self._odom_at_scans.append(odom_from_base)
+        return ScanJob(
+            scan=scan,
+            motion=motion,
+            odom_from_base=odom_from_base,
+            sector=sector,
+            is_node=is_node,
+        )

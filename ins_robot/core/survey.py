@@ -1,0 +1,99 @@
+# SPDX-License-Identifier: MIT
+"""The INS of the paper, section 3, on top of SLAM, section 5: what a scan leads to.
+
+In comes a scan with the motion since the one before; out comes the corrected pose and, for a scan
+at a node, where to go next. Owns the SLAM and exploration state; runs in the daemon's one worker
+thread and, step for step the same, in replay.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ins_robot.config import Config
+from ins_robot.estimation.slam import Slam
+from ins_robot.geometry.pose2 import Pose2
+from ins_robot.messages import LaserScan, MotionIncrement, PoseEstimate
+from ins_robot.navigation.explorer import Drive, Explorer, Finished
+
+Decision = Drive | Finished
+Timer = Callable[[], float]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sector:
+    """Which part of the surroundings a scan looks at, about the base's x axis."""
+
+    centre_rad: float = 0.0
+    half_width_rad: float = math.pi
+
+
+class Survey:
+    """SLAM and exploration of one run.
+
+    Parameters
+    ----------
+    rng : Generator
+        Every random choice of the run comes from it.
+    timer_s : callable
+        Tells processor time for the cost figures; does not influence any result.
+    """
+
+    def __init__(self, config: Config, rng: np.random.Generator, timer_s: Timer) -> None:
+        lrf = config.lrf
+        base_from_lrf = Pose2(lrf.x_m, lrf.y_m, 0.0)  # the driver has applied the yaw
+        self.slam = Slam(config.slam, config.map, base_from_lrf, rng)
+        self.explorer = Explorer(config.exploration, config.robot, lrf)
+        self.slam_ms: list[float] = []
+        self.ins_ms = 0.0
+        self._timer_s = timer_s
+        self._surveyed: list[int] = []  # SLAM's node behind each of the explorer's
+
+    def scan_at_node(
+        self, scan: LaserScan, motion: MotionIncrement, sector: Sector
+    ) -> tuple[PoseEstimate, Decision]:
+        """Correct the pose, make this place a node, decide where to go."""
+        estimate = self._locate(scan, motion, is_node=True)
+        begun_s = self._timer_s()
+        node = self.slam.nodes[-1]
+        self._follow_corrections()
+        self._surveyed.append(node.id)
+        self.explorer.observe(
+            node.id, node.stamp_s, node.pose, scan, (sector.centre_rad, sector.half_width_rad)
+        )
+        decision = self.explorer.decide(self.slam.pose, self.slam.grid)
+        self.ins_ms += 1e3 * (self._timer_s() - begun_s)
+        return estimate, decision
+
+    def scan_on_the_way(
+        self, scan: LaserScan, motion: MotionIncrement, is_node: bool | None
+    ) -> PoseEstimate:
+        """Correct the pose; no decision. `is_node` None lets SLAM choose by distance."""
+        return self._locate(scan, motion, is_node=is_node)
+
+    def give_up(self, goal: Drive, why: str, pose: Pose2) -> Decision:
+        """The goal could not be reached: decide again, from where the robot stands."""
+        begun_s = self._timer_s()
+        self._follow_corrections()
+        self.explorer.report_failure(goal, why)
+        decision = self.explorer.decide(pose, self.slam.grid)
+        self.ins_ms += 1e3 * (self._timer_s() - begun_s)
+        return decision
+
+    def _locate(
+        self, scan: LaserScan, motion: MotionIncrement, is_node: bool | None
+    ) -> PoseEstimate:
+        begun_s = self._timer_s()
+        estimate = self.slam.step(scan, motion, is_node)
+        self.slam_ms.append(1e3 * (self._timer_s() - begun_s))
+        return estimate
+
+    def _follow_corrections(self) -> None:
+        """Nodes that SLAM moved carry their gaps with them."""
+        nodes = self.slam.nodes
+        poses = [nodes[node_id].pose.as_array() for node_id in self._surveyed]
+        self.explorer.relocate(np.array(poses).reshape(-1, 3))

@@ -1,0 +1,127 @@
+# SPDX-License-Identifier: MIT
+"""What the control socket's commands do: `RobotCommands` on a `Robot` and its run store."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Any
+
+from ins_robot import __version__
+from ins_robot.daemon.run_store import RunStore
+from ins_robot.daemon.runtime import Robot, mission_state
+from ins_robot.errors import StateError
+from ins_robot.logs.run_directory import MAP_PGM, MAP_PNG, MAP_YAML, picture_of
+from ins_robot.mapping.map_files import TernaryMap, pgm_bytes, yaml_text
+from ins_robot.mapping.map_picture import png_bytes
+
+FILES = {"png": MAP_PNG, "pgm": MAP_PGM, "yaml": MAP_YAML}
+
+
+class DaemonCommands:
+    """Carries out the commands of clients."""
+
+    def __init__(self, robot: Robot, store: RunStore) -> None:
+        self._robot = robot
+        self._store = store
+
+    async def start(self, name: str) -> str:
+        """Begin a run; its full name."""
+        if self._robot.mission is not None:
+            raise StateError(
+                f"run '{self._robot.mission.name}' is under way: `ins-robot stop` ends it"
+            )
+        missing = self._robot.pipeline.missing
+        if missing:
+            reports = self._robot.supervisor.reports
+            why = "; ".join(f"{device}: {reports[device].last_error}" for device in missing)
+            raise StateError(f"not all devices are there: {why}")
+        if self._robot.stop_latch.is_set:
+            raise StateError(
+                f"stopped: {self._robot.stop_latch.reason}; `ins-robot clear` releases it"
+            )
+        directory = self._store.create(name)
+        self._robot.begin(directory, directory.name)
+        return directory.name
+
+    async def stop(self) -> str:
+        """End the run; its name, once its files are there."""
+        return await self._robot.end("stopped by the operator")
+
+    async def pause(self) -> None:
+        """Stand still."""
+        self._mission().pause()
+
+    async def resume(self) -> None:
+        """Go on."""
+        if self._robot.stop_latch.is_set:
+            raise StateError(
+                f"stopped: {self._robot.stop_latch.reason}; `ins-robot clear` releases it first"
+            )
+        self._mission().resume()
+
+    async def estop(self) -> None:
+        """Stop the motors now, latched."""
+        self._robot.stop_motors("emergency stop by the operator")
+
+    async def clear(self) -> None:
+        """Release what is latched."""
+        await self._robot.release_motors()
+
+    async def status(self) -> dict[str, Any]:
+        """Everything a person or a program may want to know, as JSON values."""
+        robot, now_s = self._robot, asyncio.get_running_loop().time()
+        wheels, mission = robot.pipeline.last_wheels, robot.mission
+        status: dict[str, Any] = {
+            "state": mission_state(robot),
+            "version": __version__,
+            "run": None if mission is None else mission.name,
+            "stop": robot.stop_latch.reason,
+            "missing": robot.pipeline.missing,
+            "fault": "" if wheels is None else wheels.fault,
+            "battery_v": None if wheels is None else wheels.battery_v,
+            "tasks": robot.supervisor.as_dict(),
+            "health": robot.health.as_dict(now_s),
+            "last_run": robot.last_summary,
+        }
+        if mission is not None:
+            core = mission.core
+            pose = core.pose
+            status |= {
+                "pose": {"x_m": pose.x_m, "y_m": pose.y_m, "heading_rad": pose.heading_rad},
+                "position_std_m": core.position_std_m,
+                "duration_s": core.last_stamp_s - (core.first_stamp_s or core.last_stamp_s),
+                "path_length_m": core.path_length_m,
+                "scans": core.scans,
+                "sweeps": core.sweeps,
+                "lrf_on_s": mission.lrf_on_s,
+            }
+        return status
+
+    async def map(self, format: str) -> bytes:
+        """The running map, else the last finished one."""
+        if self._robot.mission is None:
+            path = self._store.latest_with(FILES[format])
+            if path is None:
+                raise StateError("no map yet: `ins-robot start` makes one")
+            return path.read_bytes()
+        result = await self._robot.snapshot()
+        if format == "png":
+            return png_bytes(picture_of(result))
+        ternary = TernaryMap.of(result.grid).cropped(4)
+        return pgm_bytes(ternary) if format == "pgm" else yaml_text(ternary, MAP_PGM).encode()
+
+    async def runs(self) -> list[dict[str, Any]]:
+        """All recorded runs."""
+        return [info.as_dict() for info in self._store.infos(self._current())]
+
+    async def delete_runs(self, names: list[str]) -> None:
+        """Remove recorded runs."""
+        self._store.delete(names, self._current())
+
+    def _current(self) -> str | None:
+        return None if self._robot.mission is None else self._robot.mission.name
+
+    def _mission(self) -> Any:
+        if self._robot.mission is None:
+            raise StateError("no run is under way: `ins-robot start` begins one")
+        return self._robot.mission

@@ -1,0 +1,253 @@
+# SPDX-License-Identifier: MIT
+"""The composition root: the only place in the daemon that builds the stack, clock and Generator.
+
+`Robot` owns the devices, the pilot, the worker thread and at most one run at a time. The daemon
+command puts a control socket in front of it; `simulate` calls it directly, on virtual time.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import resource
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ins_robot import __version__
+from ins_robot.config import Config, to_toml
+from ins_robot.core.run_core import RunCore
+from ins_robot.core.run_result import RunResult, RunState
+from ins_robot.daemon.health import Health
+from ins_robot.daemon.mission import Mission, MissionState
+from ins_robot.daemon.pilot import Pilot
+from ins_robot.daemon.pipeline import Pipeline
+from ins_robot.daemon.supervisor import StopLatch, Supervisor
+from ins_robot.daemon.systemd_notify import SystemdNotifier
+from ins_robot.errors import StateError
+from ins_robot.logs.journal import JOURNAL_NAME, JournalHeader, JournalWriter
+from ins_robot.logs.run_directory import write_run
+from ins_robot.sensing.ports import Connector
+
+log = logging.getLogger(__name__)
+
+FLUSH_PERIOD_S = 1.0
+STALE_AFTER_S = 1.0
+KB_PER_MB = 1024.0
+
+Annotate = Callable[[RunResult], RunResult]
+
+
+class Robot:
+    """The running system.
+
+    Parameters
+    ----------
+    connector : Connector
+        Opens the config's ports: the system's, or the simulator's.
+    clock_kind : "monotonic" or "virtual"
+        Written into the recordings.
+    annotate : callable
+        May add to a finished run's result before it is saved (the simulator knows the truth).
+    """
+
+    def __init__(
+        self,
+        config: Config,
+        connector: Connector,
+        *,
+        clock_kind: str = "monotonic",
+        notifier: SystemdNotifier | None = None,
+        annotate: Annotate = lambda result: result,
+    ) -> None:
+        self.config = config
+        self._clock = asyncio.get_running_loop().time
+        self._clock_kind = clock_kind
+        self._annotate = annotate
+        self._notifier = notifier or SystemdNotifier(None)
+        self.health = Health(self._clock())
+        self.supervisor = Supervisor()
+        self.pipeline = Pipeline(config, connector, self._clock, self.health)
+        self.pipeline.on_tick = self._after_tick
+        self.pipeline.on_fault = self._on_fault
+        self.pilot = Pilot(config)
+        self.stop_latch = StopLatch()
+        self.mission: Mission | None = None
+        self.finished: asyncio.Event = asyncio.Event()
+        self.last_summary: dict[str, Any] | None = None
+        self._survey_worker = ThreadPoolExecutor(1, "survey")
+        self._journal_worker = ThreadPoolExecutor(1, "journal")
+        self._began_run_s = 0.0
+        for name in ("imu", "wheels"):
+            self.health.expect(name, STALE_AFTER_S)
+        self.supervisor.add_device("lrf", self.pipeline.serve_lrf)
+        self.supervisor.add_device("imu", self.pipeline.serve_imu)
+        self.supervisor.add_device("motors", self.pipeline.serve_motors)
+        self.supervisor.add_task("housekeeping", self._keep_house)
+
+    async def serve(self) -> None:
+        """Run until `supervisor.shut_down`; ends a run that is under way and saves it."""
+        try:
+            await self.supervisor.run()
+        finally:
+            self._survey_worker.shutdown()
+            self._journal_worker.shutdown()
+
+    # ---------------------------------------------------------------- runs
+
+    def begin(self, directory: Path, name: str) -> None:
+        """Start a run that leaves its files in `directory`, which exists."""
+        if self.mission is not None:
+            raise StateError(f"run '{self.mission.name}' is under way: stop it first")
+        if self.stop_latch.is_set:
+            raise StateError(f"stopped: {self.stop_latch.reason}; `ins-robot clear` first")
+        header = JournalHeader(
+            package_version=__version__,
+            run_name=name,
+            clock=self._clock_kind,
+            config_toml=to_toml(self.config),
+        )
+        rng = np.random.default_rng(self.config.slam.seed)
+        self.mission = Mission(
+            name,
+            self.config,
+            RunCore(self.config, rng, time.perf_counter),
+            self.pilot,
+            lambda: self.pipeline.scanner,
+            self._survey_worker,
+            JournalWriter(directory / JOURNAL_NAME, header),
+        )
+        self.finished.clear()
+        self._began_run_s = time.perf_counter()
+        self.pipeline.mission = self.mission
+        self.supervisor.add_task(f"run {directory}", lambda: self._explore(directory))
+
+    async def end(self, reason: str) -> str:
+        """Stop the run and wait until its files are there; its name."""
+        if self.mission is None:
+            raise StateError("no run is under way")
+        name = self.mission.name
+        self.mission.stop(reason)
+        await self.finished.wait()
+        return name
+
+    async def _explore(self, directory: Path) -> None:
+        mission = self.mission
+        assert mission is not None
+        try:
+            await mission.explore()
+        finally:
+            try:
+                self.last_summary = await self._in_survey_worker(
+                    lambda: self._save(mission, directory)
+                )
+            finally:
+                self.pipeline.mission = self.mission = None
+                self.finished.set()
+
+    def _save(self, mission: Mission, directory: Path) -> dict[str, Any]:
+        mission.journal.close()
+        return write_run(directory, self._annotate(self._result(mission)))
+
+    async def snapshot(self) -> RunResult:
+        """The run under way as if it ended now."""
+        mission = self.mission
+        if mission is None:
+            raise StateError("no run is under way")
+        return await self._in_survey_worker(lambda: self._result(mission))
+
+    def _result(self, mission: Mission) -> RunResult:
+        core = mission.core
+        stamps_s, map_from_base = core.corrected_trajectory()
+        slam = core.survey.slam
+        is_over = mission.state.is_over
+        return RunResult(
+            name=mission.name,
+            state=RunState(mission.state) if is_over else RunState.STOPPED,
+            reason=mission.reason if is_over else "under way",
+            grid=slam.grid,
+            stamps_s=stamps_s,
+            map_from_base=map_from_base,
+            graph=core.survey.explorer.as_json(),
+            robot_radius_m=self.config.robot.radius_m,
+            duration_s=core.last_stamp_s - (core.first_stamp_s or core.last_stamp_s),
+            path_length_m=core.path_length_m,
+            scans=core.scans,
+            nodes=len(slam.nodes),
+            loop_closures=slam.loop_closures,
+            lrf_on_s=mission.lrf_on_s,
+            ins_ms_total=core.survey.ins_ms,
+            wall_time_s=time.perf_counter() - self._began_run_s,
+            peak_rss_mb=resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / KB_PER_MB,
+            slam_ms=core.survey.slam_ms,
+            notes={
+                "sweeps": core.sweeps,
+                "dropped_sweeps": mission.dropped_sweeps,
+                "guard_ticks": self.pilot.guard_ticks,
+            },
+        )
+
+    # ---------------------------------------------------------------- stopping for safety
+
+    def stop_motors(self, reason: str) -> None:
+        """Zero at once, latched; a run pauses."""
+        self.pilot.stop_now()
+        self.stop_latch.set(reason)
+        if self.mission is not None:
+            self.mission.pause()
+
+    async def release_motors(self) -> None:
+        """Clear the latch and re-arm the microcontroller; a run stays paused."""
+        await self.pipeline.motors.rearm()
+        self.stop_latch.clear()
+        self.pilot.release()
+
+    def _on_fault(self, fault: str) -> None:
+        self.stop_motors(f"motor controller: {fault}")
+
+    # ---------------------------------------------------------------- housekeeping
+
+    def _after_tick(self, now_s: float) -> None:
+        self._notifier.feed_watchdog(now_s)
+
+    async def _keep_house(self) -> None:
+        loop = asyncio.get_running_loop()
+        while True:
+            await asyncio.sleep(FLUSH_PERIOD_S)
+            now_s = self._clock()
+            self.health.roll(now_s)
+            mission = self.mission
+            if mission is not None and not mission.state.is_over:
+                await loop.run_in_executor(self._journal_worker, mission.journal.flush)
+                self._check_battery(mission)
+                log.info("%s", self.health.line(now_s))
+            if "motors" in self.pipeline.missing:
+                self._notifier.feed_watchdog(now_s)  # nothing to control is not a hang
+
+    def _check_battery(self, mission: Mission) -> None:
+        limit_v, wheels = self.config.wheels.battery_low_v, self.pipeline.last_wheels
+        if wheels is not None and wheels.battery_v < limit_v:
+            mission.stop(
+                f"battery at {wheels.battery_v:.1f} V, wheels.battery_low_v = {limit_v:g}"
+            )
+
+    async def _in_survey_worker(self, work: Callable[[], Any]) -> Any:
+        return await asyncio.get_running_loop().run_in_executor(self._survey_worker, work)
+
+
+def mission_state(robot: Robot) -> str:
+    """One word for the status: what the robot is doing."""
+    if robot.stop_latch.is_set:
+        return "stopped for safety"
+    if robot.mission is None:
+        return "idle"
+    if robot.mission.is_paused and not robot.mission.state.is_over:
+        return "paused"
+    return str(robot.mission.state)
+
+
+__all__ = ["MissionState", "Robot", "mission_state"]
