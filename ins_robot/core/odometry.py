@@ -13,14 +13,11 @@ import math
 from collections import Counter
 from enum import StrEnum
 
-import numpy as np
-
 from ins_robot.config import ImuConfig, KalmanConfig, WheelsConfig
 from ins_robot.control.kinematics import OmniKinematics
 from ins_robot.core.device_clock import DeviceClock
 from ins_robot.core.gyro_integral import GyroIntegral
 from ins_robot.core.pose_history import EXTRAPOLATE_MAX_S, PoseHistory
-from ins_robot.errors import StateError
 from ins_robot.estimation.kalman import CentralKalman, MotionNoise, State
 from ins_robot.geometry.angles import FloatArray, wrap_rad
 from ins_robot.geometry.pose2 import Pose2
