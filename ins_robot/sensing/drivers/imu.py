@@ -3,7 +3,7 @@
 
 Linux has no readiness event for I2C: a transfer blocks, on a hung bus for the adapter's
 timeout. So every bus access runs on one thread this driver owns; pacing, waiting and retrying
-happen on the event loop. A chip that lost power comes back asleep and unconfigured; it is set up again.
+happen on the event loop. A chip that lost power comes back asleep; it is set up again.
 """
 
 from __future__ import annotations
