@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: MIT
 """Gyro, compass and wheels into one pose: what is believed, what is refused, and why.
 
-In come ImuSample and WheelSample, each at its own 50 Hz; out come pose, velocity, covariance and
-motion increments in the `odom` frame, which begins where the robot stood when its gyro bias was
-known. One predict and one update of `CentralKalman` per wheel sample. A robot whose encoders
+In come ImuSample and WheelSample, each at its own 50 Hz; out come pose, velocity, covariance
+and motion increments in the `odom` frame, which begins where the robot stood when its gyro bias
+was known. One predict and one update of `CentralKalman` per wheel sample. A robot whose encoders
 rest stands still: then, as a zero-velocity update, the gyro's reading *is* its bias.
 """
 
@@ -15,7 +15,6 @@ from enum import StrEnum
 
 from ins_robot.config import ImuConfig, KalmanConfig, WheelsConfig
 from ins_robot.control.kinematics import OmniKinematics
-from ins_robot.core.device_clock import DeviceClock
 from ins_robot.core.gyro_integral import GyroIntegral
 from ins_robot.core.pose_history import EXTRAPOLATE_MAX_S, PoseHistory
 from ins_robot.estimation.kalman import CentralKalman, MotionNoise, State
@@ -39,6 +38,7 @@ REST_GYRO_RADPS = 0.05  # standing on resting wheels, yet turning faster: being 
 REST_STD_MPS = 2e-4
 REST_STD_RADPS = 2e-4
 BIAS_STD_MIN_RADPS = 2e-5
+STAMP_STEP_MIN_S = 1e-6  # frames read together may share a stamp
 LONG_REST_S = 60.0  # from then on the history keeps one pose a second
 
 
@@ -70,7 +70,6 @@ class Odometry:
         )
         self._kalman = CentralKalman(kalman)
         self._history = PoseHistory()
-        self._clock = DeviceClock()
         self._gyro = GyroIntegral()
         self._standstill = StandstillBias(imu)
         self._compass = CompassGate(imu)
@@ -170,7 +169,6 @@ class Odometry:
         elif last is None:
             verdict = self._refer_to(sample, 0.0)
         elif sample.device_s < last.device_s:
-            self._clock.restart()
             verdict = self._refer_to(sample, sample.stamp_s - last.stamp_s)
         else:
             verdict = self._step(last, sample)
@@ -212,7 +210,7 @@ class Odometry:
 
     def _refer_to(self, sample: WheelSample, gap_s: float) -> Verdict:
         """Count from `sample`; a gap is bridged at the last velocity, growing uncertain."""
-        stamp_s = self._clock.host_stamp_s(sample.stamp_s, sample.device_s)
+        stamp_s = max(sample.stamp_s, self._stamp_s + STAMP_STEP_MIN_S)
         is_first, self._wheels = self._wheels is None, sample
         self._implausible_wheels = 0
         self._rest_counts, self._rest_since_s = sample.counts, stamp_s
@@ -236,7 +234,7 @@ class Odometry:
             return self._refer_to(sample, dt_s)
         self._implausible_wheels = 0
         self._wheels = sample
-        stamp_s = self._clock.host_stamp_s(sample.stamp_s, sample.device_s)
+        stamp_s = max(sample.stamp_s, self._stamp_s + STAMP_STEP_MIN_S)
         gyro_radps = self._gyro.mean_rate_radps(stamp_s, dt_s)
         self._watch_rest(stamp_s, sample.counts)
         if not self._is_ready:

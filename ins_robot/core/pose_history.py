@@ -58,7 +58,7 @@ class PoseHistory:
         gyro_time_s: float = 0.0,
         replaces_last: bool = False,
     ) -> None:
-        """Add a pose and the variances of the step that led to it, or let it replace the last."""
+        """Add (or put in place of the last) a pose and the variances of the step to it."""
         x, y, heading = pose
         s, w, t = self._sums, heading_var, gyro_time_s
         self._sums = s = [

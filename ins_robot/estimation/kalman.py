@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: MIT
 """The centralized Kalman filter: encoders, gyro and compass in one state of seven.
 
-In come the base velocity from count differences, the gyro's mean rate over the same interval and
-now and then a compass heading; out come pose, velocity and gyro bias with their covariance, in
-the `odom` frame. filterpy's extended Kalman filter does the algebra; model, noise and gates are
-here. Follows Bar-Shalom, Li & Kirubarajan, "Estimation with Applications to Tracking and
+In come the base velocity from count differences, the gyro's mean rate over the same interval
+and now and then a compass heading; out come pose, velocity and gyro bias with their covariance,
+in the `odom` frame. filterpy's extended Kalman filter does the algebra; model, noise and gates
+are here. Follows Bar-Shalom, Li & Kirubarajan, "Estimation with Applications to Tracking and
 Navigation" (2001), section 6.3.2, and Thrun, Burgard & Fox, "Probabilistic Robotics" (2005).
 """
 
@@ -60,10 +60,10 @@ _BOTH_H = np.vstack([_WHEELS_H, _GYRO_H])
 class CentralKalman:
     """Extended Kalman filter over x, y, heading (odom), vx, vy, yaw rate (base), gyro bias.
 
-    The velocity in the state is the *mean* over the interval just predicted, which is what count
-    differences and an integrated gyro measure. So `predict` carries the pose by the velocity
-    after its random step, and the update that follows corrects both: in steady state the pose
-    integrates the measured displacement without lag.
+    The velocity in the state is the *mean* over the interval just predicted, which is what
+    count differences and an integrated gyro measure. So `predict` carries the pose by the
+    velocity after its random step, and the update that follows corrects both: in steady state
+    the pose integrates the measured displacement without lag.
     """
 
     def __init__(self, config: KalmanConfig) -> None:
@@ -101,7 +101,7 @@ class CentralKalman:
         """Move the estimate on by `dt_s` seconds at its velocity."""
         ekf, config = self._ekf, self._config
         heading, vx, vy, omega = ekf.x[State.HEADING : State.GYRO_BIAS].tolist()
-        # Mid-point rule: over one interval the base faces, on average, half-way through its turn.
+        # Mid-point rule: on average over an interval the base is half-way through its turn.
         middle = heading + 0.5 * omega * dt_s
         c, s = math.cos(middle), math.sin(middle)
         step_x, step_y = dt_s * (c * vx - s * vy), dt_s * (s * vx + c * vy)
@@ -116,7 +116,7 @@ class CentralKalman:
         ekf.P[State.VX, State.VX] += linear_var
         ekf.P[State.VY, State.VY] += linear_var
         ekf.P[State.YAW_RATE, State.YAW_RATE] += (config.yaw_accel_std_radps2 * dt_s) ** 2
-        # What no velocity noise explains: wheel radius, floor, gyro scale; it grows with the way.
+        # What no velocity noise explains (wheel radius, floor, gyro scale) grows with the way.
         way_var = config.odometry_std_per_m**2 * math.hypot(vx, vy) * dt_s
         Q = np.zeros((State.SIZE, State.SIZE))
         Q[State.X, State.X] = Q[State.Y, State.Y] = way_var

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What must be known before gyro and compass can be used: bias, field, and when to believe them.
+"""What must be known to use gyro and compass: bias, field, and when to believe them.
 
 In go gyro rates at standstill and magnetic fields; out come the bias with its uncertainty, and
 for each field a verdict and how far the compass is off the filter's heading. Indoors a compass
@@ -29,7 +29,7 @@ class GyroBias:
 
 
 class StandstillBias:
-    """Averages the gyro for `bias_time_s`; a spread that is not a standstill starts it again."""
+    """Averages the gyro for `bias_time_s`; begins again when the spread is no standstill."""
 
     def __init__(self, config: ImuConfig) -> None:
         self._time_s = config.bias_time_s
