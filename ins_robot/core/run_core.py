@@ -2,9 +2,9 @@
 """All of a run that is computed: the same records in the same order give the same run.
 
 The daemon journals what enters here, message by message and mark by mark; replay reads the
-journal and calls the same methods. A scan is prepared on the event loop (cheap), computed in the
-worker (`compute`), and applied on the loop. SLAM lives in the map frame and the Kalman filter in
-the odom frame, so the moment of applying changes nothing but where the robot is steered.
+journal and calls the same methods. A scan is prepared on the event loop (cheap), computed in
+the worker (`compute`), and applied on the loop. SLAM lives in the map frame and the Kalman
+filter in the odom frame, so when it is applied changes only where the robot is steered.
 """
 
 from __future__ import annotations

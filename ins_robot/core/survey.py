@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: MIT
 """The INS of the paper, section 3, on top of SLAM, section 5: what a scan leads to.
 
-In comes a scan with the motion since the one before; out comes the corrected pose and, for a scan
-at a node, where to go next. Owns the SLAM and exploration state; runs in the daemon's one worker
-thread and, step for step the same, in replay.
+In comes a scan with the motion since the one before; out comes the corrected pose and, for a
+scan at a node, where to go next. Owns the SLAM and exploration state; runs in the daemon's one
+worker thread and, step for step the same, in replay.
 """
 
 from __future__ import annotations

@@ -147,8 +147,8 @@ class Mission:
                 await self._ready.wait()
         except TimeoutError:
             raise DeviceError(
-                f"no steady gyro and wheel readings within {CALIBRATION_TIMEOUT_S:.0f} s of the "
-                "start: is the robot being moved, or a device missing? see `ins-robot status`"
+                f"no steady gyro and wheel readings within {CALIBRATION_TIMEOUT_S:.0f} s of "
+                "the start: is the robot being moved, or a device missing? see `ins-robot status`"
             ) from None
 
     async def _scan_here(self) -> Decision:
@@ -212,8 +212,8 @@ class Mission:
                 await self._collected.wait()
         except TimeoutError:
             raise DeviceError(
-                f"lrf: no {revolutions} steady revolutions at {self._scanner().set_rpm:.0f} rpm "
-                f"within {timeout_s:.0f} s: motor blocked, belt off, or supply too weak"
+                f"lrf: no {revolutions} steady revolutions at {self._scanner().set_rpm:.0f} "
+                f"rpm within {timeout_s:.0f} s: motor blocked, belt off, or supply too weak"
             ) from None
         finally:
             self._collecting = 0
@@ -228,9 +228,7 @@ class Mission:
         if self._lrf_on_since_s is not None:
             self.lrf_on_s += self._clock() - self._lrf_on_since_s
             self._lrf_on_since_s = None
-        with contextlib.suppress(
-            DeviceError
-        ):  # a lost LRF turns nothing, and is told elsewhere
+        with contextlib.suppress(DeviceError):  # a lost LRF turns nothing
             await self._scanner().motor_off()
 
     async def _survey(self, job: ScanJob) -> ScanOutcome:
@@ -319,8 +317,7 @@ class Mission:
 
     async def _until_standing(self) -> None:
         await self._go.wait()
-        while not self._pilot.is_standing:
-            await asyncio.sleep(WATCH_PERIOD_S / 4.0)
+        await self._pilot.standing.wait()
         await asyncio.sleep(SETTLE_S)
 
     def _is_out_of_budget(self) -> bool:

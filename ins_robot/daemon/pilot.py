@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: MIT
 """From a pose to wheel speeds, once per telemetry frame (50 Hz).
 
-path follower -> velocity limits -> collision guard (the last word) -> wheel kinematics. Ticking on
-telemetry means the freshest pose and no second timer; when telemetry ends, so do the set points,
-and the microcontroller's dead-man stops the wheels by itself.
+path follower -> velocity limits -> collision guard (the last word) -> wheel kinematics.
+Ticking on telemetry means the freshest pose and no second timer; when telemetry ends, so do
+the set points, and the microcontroller's dead-man stops the wheels by itself.
 """
 
 from __future__ import annotations
@@ -39,12 +39,8 @@ class Pilot:
         self.is_held = False
         self.is_stopped = False
         self.guard_ticks = 0
-
-    @property
-    def is_standing(self) -> bool:
-        """True when the last command was to stand."""
-        v = self.velocity
-        return v.vx_mps == 0.0 and v.vy_mps == 0.0 and v.yaw_rate_radps == 0.0
+        self.standing = asyncio.Event()  # set while the last command was to stand
+        self.standing.set()
 
     def observe(self, surroundings: Surroundings) -> None:
         """What the guard shall know of the obstacles, from now on."""
@@ -68,6 +64,7 @@ class Pilot:
         self.is_stopped = True
         self._limits.reset()
         self.velocity = VelocityCommand()
+        self.standing.set()
 
     def release(self) -> None:
         """End `stop_now`."""
@@ -86,8 +83,10 @@ class Pilot:
         self.guard_ticks += was_guarded
         self._limits.follow(self.velocity)
         v = self.velocity
-        if self.is_standing:
+        if v.vx_mps == 0.0 and v.vy_mps == 0.0 and v.yaw_rate_radps == 0.0:
+            self.standing.set()
             return STANDING
+        self.standing.clear()
         wheels = self._kinematics.wheel_speeds(v.vx_mps, v.vy_mps, v.yaw_rate_radps)
         return self._kinematics.limited(wheels)[0]
 

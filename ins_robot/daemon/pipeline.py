@@ -8,6 +8,7 @@ mission's affair.
 
 from __future__ import annotations
 
+import asyncio
 import logging
 from collections.abc import Callable
 
@@ -42,7 +43,8 @@ class Pipeline:
         self.last_wheels: WheelSample | None = None
         self.on_fault: Callable[[str], None] = lambda fault: None
         self.on_tick: Callable[[float], None] = lambda now_s: None
-        self.has_imu = False
+        self._imu: ImuDriver | None = None
+        self.complete = asyncio.Event()  # set while no device is missing
 
     @property
     def scanner(self) -> LrfDriver:
@@ -61,7 +63,7 @@ class Pipeline:
     @property
     def missing(self) -> list[str]:
         """The devices that are not there."""
-        there = {"lrf": self._lrf, "motors": self._motor, "imu": self.has_imu or None}
+        there = {"lrf": self._lrf, "motors": self._motor, "imu": self._imu}
         return [name for name, device in there.items() if device is None]
 
     async def serve_lrf(self) -> None:
@@ -72,12 +74,14 @@ class Pipeline:
         try:
             await lrf.open()
             self._lrf = lrf
+            self._count_devices()
             async for revolution in lrf.revolutions():
                 self._health.beat("lrf", self._clock())
                 if self.mission is not None:
                     self.mission.on_revolution(revolution)
         finally:
             self._lrf = None
+            self._count_devices()
             lrf.close()
 
     async def serve_imu(self) -> None:
@@ -87,13 +91,15 @@ class Pipeline:
         )
         try:
             await imu.open()
-            self.has_imu = True
+            self._imu = imu
+            self._count_devices()
             async for sample in imu.samples():
                 self._health.beat("imu", sample.stamp_s)
                 if self.mission is not None:
                     self.mission.on_imu(sample)
         finally:
-            self.has_imu = False
+            self._imu = None
+            self._count_devices()
             imu.close()
 
     async def serve_motors(self) -> None:
@@ -104,12 +110,20 @@ class Pipeline:
         try:
             await motor.open()
             self._motor = motor
+            self._count_devices()
             async for sample in motor.samples():
                 self._health.beat("wheels", sample.stamp_s)
                 self._on_wheels(sample, motor)
         finally:
             self._motor = None
+            self._count_devices()
             motor.close()
+
+    def _count_devices(self) -> None:
+        if self.missing:
+            self.complete.clear()
+        else:
+            self.complete.set()
 
     def _on_wheels(self, sample: WheelSample, motor: MotorDriver) -> None:
         before, self.last_wheels = self.last_wheels, sample

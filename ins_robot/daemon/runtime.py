@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The composition root: the only place in the daemon that builds the stack, clock and Generator.
+"""The composition root: the only place in the daemon that builds the stack and Generator.
 
 `Robot` owns the devices, the pilot, the worker thread and at most one run at a time. The daemon
 command puts a control socket in front of it; `simulate` calls it directly, on virtual time.

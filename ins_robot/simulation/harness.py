@@ -2,8 +2,8 @@
 """A simulated robot in a world: one body, its three emulated devices, and the truth about it.
 
 The same devices hang on memory wires for `simulate` or on pseudo-terminals and a socket for
-`emulate`. Each device has a random stream of its own, so that a change in one leaves the noise of
-the others as it was.
+`emulate`. Each device has a random stream of its own, so that a change in one leaves the
+noise of the others as it was.
 """
 
 from __future__ import annotations

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: MIT
 """`ins-robot emulate`: the simulated robot's devices in real time, on ptys and a Unix socket.
 
-The file of `--config-out` is a whole configuration: `INS_ROBOT_CONFIG=FILE ins-robot daemon` and
-the client commands run on these devices. Any program that speaks XV-11 may open the LRF's line.
+The file of `--config-out` is a whole configuration: `INS_ROBOT_CONFIG=FILE ins-robot daemon`
+and the client commands run on these devices. Any program that speaks XV-11 may open the LRF's
+line.
 """
 
 from __future__ import annotations
@@ -68,7 +69,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def emulated_config(config: Config, lines: Path, config_out: Path) -> Config:
-    """The configuration with every device on a line in `lines`, and files beside `config_out`."""
+    """The configuration with every device on a line in `lines`; runs beside `config_out`."""
     from dataclasses import replace
 
     runs = config_out.absolute().with_suffix(".runs")
@@ -81,7 +82,7 @@ def emulated_config(config: Config, lines: Path, config_out: Path) -> Config:
     )
 
 
-async def _serve(simulated: SimulatedRobot, config: Config, args: argparse.Namespace) -> None:
+async def _serve(simulated: SimulatedRobot, config: Config, config_out: Path) -> None:
     import asyncio
     import signal
 
@@ -100,9 +101,9 @@ async def _serve(simulated: SimulatedRobot, config: Config, args: argparse.Names
     await lrf.open()
     await motors.open()
     await imu.open()
-    write_atomically(args.config_out, to_toml(config).encode())
+    write_atomically(config_out, to_toml(config).encode())
     print(f"lrf {config.lrf.port}  motors {config.wheels.port}  imu {config.imu.bus}")
-    print(f"ready: INS_ROBOT_CONFIG={args.config_out} ins-robot daemon", flush=True)
+    print(f"ready: INS_ROBOT_CONFIG={config_out} ins-robot daemon", flush=True)
     try:
         await ended.wait()
     finally:

@@ -91,8 +91,7 @@ async def _direct(robot: Any, directory: Path) -> None:
     """Start one run once all devices are there, and shut down after it."""
     import asyncio
 
-    while robot.pipeline.missing:
-        await asyncio.sleep(0.1)
+    await robot.pipeline.complete.wait()
     robot.begin(directory, directory.name or "simulated")
     is_terminal = sys.stderr.isatty()
     while not robot.finished.is_set():
