@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """XV-11 bytes <-> packets of four readings: checksum, resync by one byte, text told apart.
 
-`LrfCodec.feed` takes bytes as they come and returns a `PacketBatch`; `lrf_turns` is next.
+`LrfCodec.feed` takes bytes as they come and returns a `PacketBatch`; `lrf_revolutions` is next.
 `encode_packets` is its inverse, for the emulator. Packet layout, checksum and flags follow the
 public description of the Neato XV-11 (firmware 2.4 and 2.6), see docs/protocols.md.
 """
