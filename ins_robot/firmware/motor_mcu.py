@@ -54,11 +54,15 @@ TELEMETRY_MS = 20
 DEAD_MAN_MAX_MS = 2000  # a CONFIG that asks for more is refused
 SEND_QUEUE_MAX = 512  # bytes kept while nobody fetches them
 RAMP_RADPS2 = 40.0  # targets move no faster: from 0.2 m/s to rest in 0.1 s and 1 cm
+LEAD_S = 0.02  # wheel loop: the feed-forward looks this far ahead along the ramp
+FOLLOW_S = (
+    0.06  # wheel loop: lag asked of a wheel; motors of 0.04 to 0.15 s follow without swing
+)
 GAIN = 1.5  # wheel loop: radps of push per radps of error
 INTEGRAL_S = 0.15  # wheel loop: time in which the integral repeats that push
 SMOOTHING = 0.4  # share of a new speed reading; one count in one step is 0.15 radps
 REST_SHARE = 0.02  # of the free speed: slower than this with a target of 0 is rest
-STALL_MS = 500  # that long at STALL_DUTY without turning: the wheel does not follow
+STALL_S = 0.5  # that long at STALL_DUTY without turning: the wheel does not follow
 STALL_DUTY = 0.9
 STALL_SHARE = 0.1  # of the wanted speed
 
@@ -145,46 +149,64 @@ class FrameDecoder:
 
 
 class WheelLoop:
-    """Speed of one wheel: ramp, feed-forward and PI on the encoder, with anti-windup."""
+    """Speed of one wheel: ramp, feed-forward, and PI on what the wheel does else than expected.
+
+    The expected reading is the target after FOLLOW_S and the smoothing: the natural lag of a
+    motor then is no error, and nothing winds up while it follows.
+    """
 
     def __init__(self) -> None:
         self.speed_radps = 0.0
-        self.target_radps = 0.0
-        self.is_stalled = False
-        self._integral_radps = 0.0
-        self._stalled_ms = 0
+        self.release()
 
     def release(self) -> None:
         """Coast: forget what was wanted."""
         self.target_radps = 0.0
         self.is_stalled = False
+        self._followed_radps = 0.0
+        self._expected_radps = 0.0
         self._integral_radps = 0.0
-        self._stalled_ms = 0
+        self._stalled_s = 0.0
 
-    def drive(self, set_point_radps: float, free_speed_radps: float, dt_ms: int) -> float:
+    def brake(self) -> None:
+        """Rest is wanted now, without the ramp."""
+        self.target_radps = self._followed_radps = self._expected_radps = 0.0
+
+    def measure(self, turned_rad: float, dt_s: float) -> None:
+        """Take in how far the wheel turned in `dt_s`."""
+        self.speed_radps += SMOOTHING * (turned_rad / dt_s - self.speed_radps)
+        self._expected_radps += SMOOTHING * (self._followed_radps - self._expected_radps)
+
+    def drive(self, set_point_radps: float, free_speed_radps: float, dt_s: float) -> float:
         """Duty in [-1, 1] that takes the wheel to the set point."""
-        step = RAMP_RADPS2 * dt_ms * 1e-3
-        self.target_radps += min(step, max(-step, set_point_radps - self.target_radps))
-        error = self.target_radps - self.speed_radps
-        if self.target_radps == 0.0 and abs(error) < REST_SHARE * free_speed_radps:
-            self.release()  # at rest: no humming against friction
+        step_max = RAMP_RADPS2 * dt_s
+        step = min(step_max, max(-step_max, set_point_radps - self.target_radps))
+        self.target_radps += step
+        is_to_rest = set_point_radps == 0.0 and self.target_radps == 0.0
+        if is_to_rest and abs(self.speed_radps) < REST_SHARE * free_speed_radps:
+            self.release()  # no humming against friction
             return 0.0
+        self._followed_radps += (
+            (self.target_radps - self._followed_radps) * dt_s / (FOLLOW_S + dt_s)
+        )
+        error = self._expected_radps - self.speed_radps
         push = GAIN * error
-        wanted = (self.target_radps + push + self._integral_radps) / free_speed_radps
+        lead = self.target_radps + LEAD_S * step / dt_s
+        wanted = (lead + push + self._integral_radps) / free_speed_radps
         duty = min(1.0, max(-1.0, wanted))
         if duty == wanted or wanted * error < 0.0:  # anti-windup: saturated, only towards less
-            self._integral_radps += push * dt_ms * 1e-3 / INTEGRAL_S
-        self._watch(duty, dt_ms)
+            self._integral_radps += push * dt_s / INTEGRAL_S
+        self._watch(duty, dt_s)
         return duty
 
-    def _watch(self, duty: float, dt_ms: int) -> None:
+    def _watch(self, duty: float, dt_s: float) -> None:
         """Stalled, or encoder dead or wired backwards: full duty turns nothing our way."""
         speed = self.speed_radps if duty > 0.0 else -self.speed_radps
         if abs(duty) < STALL_DUTY or speed > STALL_SHARE * abs(self.target_radps):
-            self._stalled_ms = 0
+            self._stalled_s = 0.0
         else:
-            self._stalled_ms += dt_ms
-            self.is_stalled = self._stalled_ms >= STALL_MS
+            self._stalled_s += dt_s
+            self.is_stalled = self._stalled_s >= STALL_S
 
 
 class MotorMcu:
@@ -246,13 +268,13 @@ class MotorMcu:
             self._now_ms, self._counts, self._telemetry_ms = now_ms, counts, now_ms
         dt_ms = wrap32(now_ms - self._now_ms)
         if dt_ms > 0:
+            dt_s = dt_ms * 1e-3
             for i in (0, 1, 2):
-                turned = wrap32(counts[i] - self._counts[i]) * self._rad_per_count
-                loop = self._loops[i]
-                loop.speed_radps += SMOOTHING * (turned * 1e3 / dt_ms - loop.speed_radps)
+                turned_counts = wrap32(counts[i] - self._counts[i])
+                self._loops[i].measure(turned_counts * self._rad_per_count, dt_s)
             self._now_ms, self._counts = now_ms, counts
             self._judge(inputs)
-            self._duties = self._drive(dt_ms)
+            self._duties = self._drive(dt_s)
         if wrap32(now_ms - self._telemetry_ms) > TELEMETRY_MS - STEP_MS // 2:
             self._telemetry_ms = now_ms
             self._send_telemetry(inputs, battery_mv)
@@ -314,7 +336,7 @@ class MotorMcu:
         if self._latched != NO_FAULT:
             self._set_point = (0.0, 0.0, 0.0)
 
-    def _drive(self, dt_ms: int) -> tuple[float, float, float]:
+    def _drive(self, dt_s: float) -> tuple[float, float, float]:
         a, b, c = self._loops
         if self.fault in COASTING_FAULTS:
             for loop in self._loops:
@@ -322,13 +344,13 @@ class MotorMcu:
             return (0.0, 0.0, 0.0)
         if self._latched in BRAKING_FAULTS:
             for loop in self._loops:
-                loop.target_radps = 0.0
+                loop.brake()
         free = self._free_speed_radps
         want_a, want_b, want_c = self._set_point
         duties = (
-            a.drive(want_a, free, dt_ms),
-            b.drive(want_b, free, dt_ms),
-            c.drive(want_c, free, dt_ms),
+            a.drive(want_a, free, dt_s),
+            b.drive(want_b, free, dt_s),
+            c.drive(want_c, free, dt_s),
         )
         if a.is_stalled or b.is_stalled or c.is_stalled:
             self._latched = self._latched or FAULT_WHEEL
