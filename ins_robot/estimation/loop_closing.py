@@ -1,0 +1,110 @@
+# SPDX-License-Identifier: MIT
+"""Loop closures: has the robot come back to a place it knows by another way?
+
+Candidates are nodes near enough for the drift since, but not linked to the present ones. The scan
+is searched for in their local map, aligned, and must fit well, be unambiguous, and be confirmed
+by the next nodes' closures, since a false closure is worse than none.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from ins_robot.estimation.node_map import LINK_RADIUS_M, NodeMap
+from ins_robot.estimation.scan_matching import Alignment, align, search
+from ins_robot.geometry.angles import FloatArray, wrap_rad
+from ins_robot.geometry.pose2 import compose, inverse
+from ins_robot.mapping.surfels import Surfels
+
+DRIFT_M = 0.25  # search at least this far ...
+DRIFT_PER_M = 0.03  # ... and this much more per metre driven since
+DRIFT_MAX_M = 2.5
+TURN_RAD = math.radians(4.0)
+TURN_PER_M = math.radians(0.3)
+TURN_MAX_RAD = math.radians(20.0)
+NEAR_M = 3.0  # a scan that near to the old nodes must see what they saw
+VALUE_MIN = 0.5
+RIVAL_RATIO_MAX = 0.92
+INLIER_SHARE_MIN = 0.6
+INLIERS_MIN = 30
+STD_MAX_M = 0.06  # of the weakest direction: a closure that slides is none
+CONFIRMATIONS = 2  # later closures that must agree
+AGREE_M = 0.2
+AGREE_RAD = math.radians(2.5)
+PATIENCE = 4  # nodes within which they must
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Closure:
+    """A node found again in an old part of the map."""
+
+    node: int
+    pose: FloatArray
+    match: Alignment
+    correction: FloatArray  # map_new_from_map_old at the node, (3,)
+
+
+class LoopCloser:
+    """Finds closures node by node and releases them once they confirm each other."""
+
+    def __init__(self) -> None:
+        self.attempts = 0
+        self._pending: list[Closure] = []
+
+    def look(
+        self, nodes: NodeMap, node: int, linked: list[int], scan: Surfels
+    ) -> list[Closure]:
+        """Closures that are certain now; most times none."""
+        found = self._search(nodes, node, linked, scan)
+        self._pending = [c for c in self._pending if node - c.node <= PATIENCE]
+        if found is None:
+            return []
+        agreeing = [c for c in self._pending if _agree(c, found)]
+        self._pending.append(found)
+        if len(agreeing) < CONFIRMATIONS:
+            return []
+        self._pending = []
+        return [*agreeing, found]
+
+    def _search(
+        self, nodes: NodeMap, node: int, linked: list[int], scan: Surfels
+    ) -> Closure | None:
+        pose = nodes.graph.poses[node].copy()
+        driven_m = nodes.travelled_m[node] - np.array(nodes.travelled_m)
+        drift = np.minimum(DRIFT_M + DRIFT_PER_M * driven_m, DRIFT_MAX_M)
+        distance = np.hypot(*(nodes.graph.poses[:, :2] - pose[:2]).T)
+        is_candidate = distance < drift + NEAR_M
+        is_candidate[linked] = False
+        is_candidate[node] = False
+        if not is_candidate.any():
+            return None
+        centre = int(np.flatnonzero(is_candidate)[np.argmin(distance[is_candidate])])
+        is_near = nodes.near(pose, LINK_RADIUS_M)
+        is_near[linked] = False
+        field = nodes.local_field(nodes.graph.linked(centre, is_near), pose)
+        if field is None:
+            return None
+        self.attempts += 1
+        half_turn = min(TURN_RAD + TURN_PER_M * float(driven_m[centre]), TURN_MAX_RAD)
+        best = search(field, scan, pose, float(drift[centre]), half_turn)
+        if best.value < VALUE_MIN or best.rival_value > RIVAL_RATIO_MAX * best.value:
+            return None
+        # a prior too weak to decide anything, only to keep the equations regular
+        match = align(field, scan, best.pose[None], best.pose, np.diag([4.0, 4.0, 30.0]))
+        if match.inlier_share < INLIER_SHARE_MIN or match.inliers < INLIERS_MIN:
+            return None
+        weakest = float(np.linalg.eigvalsh(match.information[:2, :2])[0])
+        if weakest < 1.0 / STD_MAX_M**2:
+            return None
+        correction = compose(match.pose, inverse(pose))
+        return Closure(node=node, pose=match.pose, match=match, correction=correction)
+
+
+def _agree(one: Closure, other: Closure) -> bool:
+    """Whether two closures correct the map alike, where the second one is."""
+    a = compose(one.correction, compose(inverse(other.correction), other.pose))
+    off = a - other.pose
+    return bool(np.hypot(off[0], off[1]) < AGREE_M and abs(wrap_rad(float(off[2]))) < AGREE_RAD)

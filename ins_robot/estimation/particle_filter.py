@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: MIT
+"""Particle filter over poses: knows motion and a likelihood function, knows no map.
+
+Prediction samples the motion (the paper's eq. 2-3); a scan that could be matched sharpens the
+proposal, particle by particle, as in FastSLAM 2.0 (Montemerlo et al. 2003; Grisetti et al. 2007),
+and the true likelihood corrects the weights. The match enters as information and gradient, so
+that a corridor, which says nothing along its axis, leaves the motion to decide there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from ins_robot.estimation.motion_model import sample_motion, turned
+from ins_robot.estimation.resampling import (
+    effective_sample_size,
+    normalise,
+    resample_low_variance,
+)
+from ins_robot.estimation.scan_matching import Alignment
+from ins_robot.geometry.angles import FloatArray, circular_mean_rad, wrap_rad
+from ins_robot.geometry.pose2 import compose
+from ins_robot.messages import MotionIncrement
+
+LogLikelihood = Callable[[FloatArray], FloatArray]
+VARIANCE_MIN = np.diag([1e-8, 1e-8, 1e-9])
+
+
+class ParticleFilter:
+    """P weighted poses (x_m, y_m, heading_rad).
+
+    Attributes
+    ----------
+    poses : (P, 3)
+    log_weights : (P,)
+    """
+
+    def __init__(self, count: int, pose: FloatArray, rng: np.random.Generator) -> None:
+        self.poses = np.tile(pose, (count, 1))
+        self.log_weights = np.zeros(count)
+        self._moved = self.poses
+        self._motion_covariance = VARIANCE_MIN
+        self._rng = rng
+
+    def predict(self, motion: MotionIncrement) -> None:
+        """Move every particle by its own draw of the motion."""
+        heading_rad = self.mean()[2]
+        self._moved = compose(self.poses, motion.delta.as_array())
+        self._motion_covariance = turned(motion.covariance, heading_rad) + VARIANCE_MIN
+        self.poses = sample_motion(self.poses, motion, self._rng)
+
+    def prior(self) -> tuple[FloatArray, FloatArray]:
+        """Mean (3,) and covariance (3, 3) of the prediction, without its sampling noise."""
+        mean, covariance = _moments(self._moved, normalise(self.log_weights))
+        return mean, covariance + self._motion_covariance
+
+    def weigh(self, match: Alignment, log_likelihood: LogLikelihood) -> None:
+        """Draw each particle from motion times match instead; weigh it by the scan itself."""
+        motion_information = np.linalg.inv(self._motion_covariance)
+        information = motion_information + match.information
+        covariance = np.linalg.inv(information)
+        ahead = _difference(self._moved, match.pose)  # each particle's motion mean
+        mean = (ahead @ motion_information - match.gradient) @ covariance
+        root = np.linalg.cholesky(0.5 * (covariance + covariance.T))
+        noise = self._rng.standard_normal(mean.shape)
+        drawn = mean + noise @ root.T
+        self.poses = match.pose + drawn
+        self.poses[:, 2] = wrap_rad(self.poses[:, 2])
+        # weight = likelihood * motion / proposal, each up to a common constant
+        moved = drawn - ahead
+        log_motion = -0.5 * np.einsum("pi,ij,pj->p", moved, motion_information, moved)
+        log_proposal = -0.5 * (noise**2).sum(axis=1)
+        self.log_weights = (
+            self.log_weights + log_likelihood(self.poses) + log_motion - log_proposal
+        )
+        self.log_weights -= self.log_weights.max()
+
+    def resample_below(self, share: float) -> bool:
+        """Resample when the effective sample size falls below that share; says whether."""
+        weights = normalise(self.log_weights)
+        if effective_sample_size(weights) >= share * len(weights):
+            return False
+        self.poses = self.poses[resample_low_variance(weights, self._rng)]
+        self.log_weights = np.zeros(len(weights))
+        return True
+
+    def carry(self, new_from_old: FloatArray) -> None:
+        """Move the whole cloud by a correction of the map under it."""
+        self.poses = compose(new_from_old, self.poses)
+
+    def mean(self) -> FloatArray:
+        """(3,) mean position and circular mean heading (the paper's estimate)."""
+        return _moments(self.poses, normalise(self.log_weights))[0]
+
+    def covariance(self) -> FloatArray:
+        """(3, 3) of the cloud."""
+        return _moments(self.poses, normalise(self.log_weights))[1] + VARIANCE_MIN
+
+
+def _difference(poses: FloatArray, pose: FloatArray) -> FloatArray:
+    off = poses - pose
+    off[..., 2] = wrap_rad(off[..., 2])
+    return off
+
+
+def _moments(poses: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
+    mean = weights @ poses
+    mean[2] = circular_mean_rad(poses[:, 2], weights)
+    off = _difference(poses, mean)
+    return mean, (off * weights[:, None]).T @ off

@@ -1,0 +1,183 @@
+# SPDX-License-Identifier: MIT
+"""SLAM in one screen: a scan and the motion since the last one in, pose and map out.
+
+Predict by the motion, correct by the scan against the map built so far, keep the scan as a node
+when it shows something new, close loops and relax the graph of nodes. Pose and map are corrected
+together: a node that moves carries its scan.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ins_robot.config import MapConfig, SlamConfig
+from ins_robot.estimation.estimators import make_estimator
+from ins_robot.estimation.loop_closing import LoopCloser
+from ins_robot.estimation.motion_model import chain
+from ins_robot.estimation.node_map import MATCH_RADIUS_M, SURFEL_SPACING_M, Node, NodeMap, way_m
+from ins_robot.estimation.rendered_map import RenderedMap
+from ins_robot.estimation.scan_matching import Alignment
+from ins_robot.geometry.angles import FloatArray, wrap_rad
+from ins_robot.geometry.pose2 import Pose2, between, compose, inverse
+from ins_robot.mapping.likelihood_field import LikelihoodField
+from ins_robot.mapping.occupancy_grid import OccupancyGrid
+from ins_robot.mapping.surfels import Surfels, surfels_of_scan
+from ins_robot.messages import LaserScan, MotionIncrement, PoseEstimate
+
+SCAN_SURFELS_MAX = 240
+FIELD_STALE_M = 0.5
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Anchor:
+    """Where the base was at a scan's stamp, seen from a node: it follows the node's corrections."""
+
+    stamp_s: float
+    node_id: int
+    node_from_base: Pose2
+
+
+class Slam:
+    """Pose and map, corrected together."""
+
+    def __init__(
+        self,
+        config: SlamConfig,
+        map_config: MapConfig,
+        base_from_lrf: Pose2,
+        rng: np.random.Generator,
+        range_trusted_m: float = 3.0,
+    ) -> None:
+        self._config = config
+        self._base_from_lrf = base_from_lrf
+        self._estimator = make_estimator(config, rng)
+        self._nodes = NodeMap()
+        self._closer = LoopCloser()
+        self._rendered = RenderedMap(map_config, base_from_lrf, range_trusted_m)
+        self._since_node: MotionIncrement | None = None
+        self._travelled_m = 0.0
+        self._field: LikelihoodField | None = None
+        self._field_at = np.zeros(3)
+        self._linked: list[int] = []
+        self.anchors: list[Anchor] = []
+        self.loop_closures = 0
+
+    def step(
+        self, scan: LaserScan, motion: MotionIncrement, is_node: bool | None = None
+    ) -> PoseEstimate:
+        """Take in a scan and the motion since the last one.
+
+        `is_node`: keep the scan as a node; None decides by distance and turn since the last one.
+        """
+        self._estimator.predict(motion)
+        self._remember(motion)
+        surfels = self._surfels(scan)
+        match = self._correct(surfels)
+        if self._becomes_node(is_node):
+            node = self._add_node(scan, surfels, match)
+            self._close_loops(node, surfels)
+        self._anchor(scan.stamp_s)
+        return PoseEstimate(
+            stamp_s=scan.stamp_s, pose=self.pose, covariance=self._estimator.covariance()
+        )
+
+    @property
+    def pose(self) -> Pose2:
+        """map_from_base at the last scan."""
+        return Pose2.from_array(self._estimator.pose())
+
+    @property
+    def nodes(self) -> Sequence[Node]:
+        """Nodes with their scans, poses as corrected so far."""
+        return [
+            Node(id=k, stamp_s=scan.stamp_s, pose=Pose2.from_array(pose), scan=scan)
+            for k, (scan, pose) in enumerate(
+                zip(self._nodes.scans, self._nodes.graph.poses, strict=True)
+            )
+        ]
+
+    @property
+    def node_poses(self) -> FloatArray:
+        """(K, 3) map_from_base of the nodes, as corrected so far."""
+        return self._nodes.graph.poses.copy()
+
+    @property
+    def grid(self) -> OccupancyGrid:
+        """Occupancy grid of the corrected node scans."""
+        return self._rendered.grid(self._nodes)
+
+    def _remember(self, motion: MotionIncrement) -> None:
+        self._travelled_m += way_m(motion)
+        self._since_node = (
+            motion if self._since_node is None else chain(self._since_node, motion)
+        )
+
+    def _surfels(self, scan: LaserScan) -> Surfels:
+        bearing_std_rad = math.radians(self._config.bearing_std_deg)
+        return surfels_of_scan(scan, bearing_std_rad, MATCH_RADIUS_M).at(self._base_from_lrf)
+
+    def _correct(self, surfels: Surfels) -> Alignment | None:
+        if len(self._nodes) == 0 or len(surfels) == 0:
+            return None
+        pose = self._estimator.pose()
+        if self._field is None or math.dist(pose[:2], self._field_at[:2]) > FIELD_STALE_M:
+            self._linked = self._nodes.linked(len(self._nodes) - 1, pose)
+            self._field = self._nodes.local_field(self._linked, pose)
+            self._field_at = pose
+        if self._field is None:
+            return None
+        thinned = surfels.spread_out(SURFEL_SPACING_M, SCAN_SURFELS_MAX)
+        return self._estimator.correct(thinned, self._field)
+
+    def _becomes_node(self, is_node: bool | None) -> bool:
+        if is_node is not None:
+            return is_node
+        if len(self._nodes) == 0:
+            return True
+        off = between(self._nodes.graph.poses[-1], self._estimator.pose())
+        return bool(
+            np.hypot(off[0], off[1]) >= self._config.node_distance_m
+            or abs(off[2]) >= math.radians(self._config.node_turn_deg)
+        )
+
+    def _add_node(self, scan: LaserScan, surfels: Surfels, match: Alignment | None) -> int:
+        pose = self._estimator.pose()
+        node = self._nodes.add(pose, scan, surfels, self._travelled_m)
+        if node > 0 and self._since_node is not None:
+            self._nodes.link_motion(node - 1, node, self._since_node)
+        if match is not None:
+            self._nodes.link_match(node, pose, match)
+        self._since_node = None
+        self._field = None
+        return node
+
+    def _close_loops(self, node: int, surfels: Surfels) -> None:
+        if self._config.estimator == "odometry" or len(surfels) == 0:
+            return
+        linked = self._nodes.linked(node, self._nodes.graph.poses[node])
+        thinned = surfels.spread_out(SURFEL_SPACING_M, SCAN_SURFELS_MAX)
+        closures = self._closer.look(self._nodes, node, linked, thinned)
+        if not closures:
+            return
+        for closure in closures:
+            self._nodes.link_match(closure.node, closure.pose, closure.match, is_closure=True)
+        before = self._nodes.graph.poses[node].copy()
+        self._nodes.graph.relax()
+        self._estimator.carry(compose(self._nodes.graph.poses[node], inverse(before)))
+        self.loop_closures += 1
+
+    def _anchor(self, stamp_s: float) -> None:
+        node = max(len(self._nodes) - 1, 0)
+        if len(self._nodes) == 0:
+            return
+        node_from_base = between(self._nodes.graph.poses[node], self._estimator.pose())
+        node_from_base[2] = wrap_rad(float(node_from_base[2]))
+        self.anchors.append(
+            Anchor(
+                stamp_s=stamp_s, node_id=node, node_from_base=Pose2.from_array(node_from_base)
+            )
+        )
