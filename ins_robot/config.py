@@ -404,12 +404,21 @@ def load(path: Path | None, overrides: Iterable[str] = ()) -> Config:
     ConfigError
         One line: what is wrong, where, and what it may be.
     """
-    tables: dict[str, dict[str, Any]] = {}
-    where = "defaults"
-    if path is not None:
-        where = str(path)
-        tables = _read_toml(path)
-    config = from_tables(tables, where)
+    base = Config() if path is None else from_tables(_read_toml(path), str(path))
+    return with_overrides(base, overrides)
+
+
+def loads(text: str, where: str) -> Config:
+    """Read a configuration from TOML text; `where` names it in errors."""
+    try:
+        tables = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigError(f"{where}: not TOML: {error}") from None
+    return from_tables(tables, where)
+
+
+def with_overrides(config: Config, overrides: Iterable[str]) -> Config:
+    """Apply `section.key=value` overrides, the ones of `--set`."""
     wanted: dict[str, dict[str, Any]] = {}
     for override in overrides:  # all together: two options may need each other's new value
         for section, table in _override_table(override).items():

@@ -10,12 +10,15 @@ filter in the odom frame, so when it is applied changes only where the robot is 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from ins_robot.config import Config
 from ins_robot.core.odometry import Odometry
+from ins_robot.core.run_result import RunResult, RunState
 from ins_robot.core.survey import Decision, Sector, Survey, Timer
 from ins_robot.core.trajectory import Anchor, TrajectoryRecorder
 from ins_robot.geometry.angles import FloatArray
@@ -164,6 +167,47 @@ class RunCore:
             for anchor, odom in zip(self.survey.slam.anchors, self._odom_at_scans, strict=True)
         ]
         return self.trajectory.corrected(anchors)
+
+    @property
+    def duration_s(self) -> float:
+        """Robot time since the first wheel telemetry of the run."""
+        return 0.0 if self.first_stamp_s is None else self.last_stamp_s - self.first_stamp_s
+
+    def result(
+        self,
+        *,
+        name: str,
+        state: RunState,
+        reason: str,
+        lrf_on_s: float,
+        wall_time_s: float,
+        peak_rss_mb: float,
+        notes: Mapping[str, Any],
+    ) -> RunResult:
+        """The run as far as it has come, for its files."""
+        stamps_s, map_from_base = self.corrected_trajectory()
+        slam = self.survey.slam
+        return RunResult(
+            name=name,
+            state=state,
+            reason=reason,
+            grid=slam.grid,
+            stamps_s=stamps_s,
+            map_from_base=map_from_base,
+            graph=self.survey.explorer.as_json(),
+            robot_radius_m=self._config.robot.radius_m,
+            duration_s=self.duration_s,
+            path_length_m=self.path_length_m,
+            scans=self.scans,
+            nodes=len(slam.nodes),
+            loop_closures=slam.loop_closures,
+            lrf_on_s=lrf_on_s,
+            ins_ms_total=self.survey.ins_ms,
+            wall_time_s=wall_time_s,
+            peak_rss_mb=peak_rss_mb,
+            slam_ms=self.survey.slam_ms,
+            notes={"sweeps": self.sweeps, **notes},
+        )
 
     def _job(self, scan: LaserScan, sector: Sector | None, *, is_node: bool | None) -> ScanJob:
         stamp_s = scan.stamp_s

@@ -89,7 +89,7 @@ class DaemonCommands:
             status |= {
                 "pose": {"x_m": pose.x_m, "y_m": pose.y_m, "heading_rad": pose.heading_rad},
                 "position_std_m": core.position_std_m,
-                "duration_s": core.last_stamp_s - (core.first_stamp_s or core.last_stamp_s),
+                "duration_s": core.duration_s,
                 "path_length_m": core.path_length_m,
                 "scans": core.scans,
                 "sweeps": core.sweeps,

@@ -322,8 +322,7 @@ class Mission:
 
     def _is_out_of_budget(self) -> bool:
         exploration = self._config.exploration
-        elapsed_s = self.core.last_stamp_s - (self.core.first_stamp_s or 0.0)
-        if elapsed_s > exploration.max_time_s:
+        if self.core.duration_s > exploration.max_time_s:
             self._end(
                 MissionState.STOPPED,
                 f"exploration.max_time_s = {exploration.max_time_s:g} s is used up",
@@ -341,6 +340,11 @@ class Mission:
             return
         self.state, self.reason = state, reason
         log.info("%s: %s: %s", self.name, state, reason)
+
+    def close_journal(self) -> None:
+        """The last words, and all of it on the disk."""
+        self._mark("end", state=str(self.state), reason=self.reason, lrf_on_s=self.lrf_on_s)
+        self.journal.close()
 
     def _mark(self, kind: str, **payload: Any) -> None:
         self.journal.write(Mark(stamp_s=self._clock(), kind=kind, payload=payload))

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import asyncio
 import logging
-import resource
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -30,6 +29,7 @@ from ins_robot.daemon.supervisor import StopLatch, Supervisor
 from ins_robot.daemon.systemd_notify import SystemdNotifier
 from ins_robot.errors import StateError
 from ins_robot.logs.journal import JOURNAL_NAME, JournalHeader, JournalWriter
+from ins_robot.logs.memory import peak_rss_mb
 from ins_robot.logs.run_directory import write_run
 from ins_robot.sensing.ports import Connector
 
@@ -37,7 +37,6 @@ log = logging.getLogger(__name__)
 
 FLUSH_PERIOD_S = 1.0
 STALE_AFTER_S = 1.0
-KB_PER_MB = 1024.0
 
 Annotate = Callable[[RunResult], RunResult]
 
@@ -150,7 +149,7 @@ class Robot:
                 self.finished.set()
 
     def _save(self, mission: Mission, directory: Path) -> dict[str, Any]:
-        mission.journal.close()
+        mission.close_journal()
         return write_run(directory, self._annotate(self._result(mission)))
 
     async def snapshot(self) -> RunResult:
@@ -161,31 +160,15 @@ class Robot:
         return await self._in_survey_worker(lambda: self._result(mission))
 
     def _result(self, mission: Mission) -> RunResult:
-        core = mission.core
-        stamps_s, map_from_base = core.corrected_trajectory()
-        slam = core.survey.slam
         is_over = mission.state.is_over
-        return RunResult(
+        return mission.core.result(
             name=mission.name,
             state=RunState(mission.state) if is_over else RunState.STOPPED,
             reason=mission.reason if is_over else "under way",
-            grid=slam.grid,
-            stamps_s=stamps_s,
-            map_from_base=map_from_base,
-            graph=core.survey.explorer.as_json(),
-            robot_radius_m=self.config.robot.radius_m,
-            duration_s=core.last_stamp_s - (core.first_stamp_s or core.last_stamp_s),
-            path_length_m=core.path_length_m,
-            scans=core.scans,
-            nodes=len(slam.nodes),
-            loop_closures=slam.loop_closures,
             lrf_on_s=mission.lrf_on_s,
-            ins_ms_total=core.survey.ins_ms,
             wall_time_s=time.perf_counter() - self._began_run_s,
-            peak_rss_mb=resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / KB_PER_MB,
-            slam_ms=core.survey.slam_ms,
+            peak_rss_mb=peak_rss_mb(),
             notes={
-                "sweeps": core.sweeps,
                 "dropped_sweeps": mission.dropped_sweeps,
                 "guard_ticks": self.pilot.guard_ticks,
             },

@@ -1,0 +1,140 @@
+# SPDX-License-Identifier: MIT
+"""Replay of our own recordings: the journal's messages through the same core, once more.
+
+With the recorded configuration the result is the run's, bit for bit: odometry, SLAM, exploration
+and every random draw depend on nothing but what the journal holds, in its order. With other
+options it is what the run would have been, had the robot gone where it went.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ins_robot import config as configuration
+from ins_robot.config import Config
+from ins_robot.core.run_core import RunCore, ScanJob
+from ins_robot.core.run_result import RunResult, RunState
+from ins_robot.core.survey import Decision
+from ins_robot.errors import InputError
+from ins_robot.geometry.pose2 import Pose2
+from ins_robot.logs.journal import read_journal
+from ins_robot.logs.memory import peak_rss_mb
+from ins_robot.messages import ImuSample, LaserScan, Mark, WheelSample
+from ins_robot.navigation.explorer import Drive
+
+# Without odometry a scan may be anywhere a walking robot could have got to.
+UNKNOWN_MOTION_STD = (0.5, 0.5, math.radians(20.0))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JournalOptions:
+    """How to replay."""
+
+    overrides: Sequence[str] = ()
+    use_odometry: bool = True
+    every: int = 1
+
+
+class JournalReplay:
+    """Feeds one journal to one core."""
+
+    def __init__(self, config: Config, options: JournalOptions, timer_s: Callable[[], float]):
+        rng = np.random.default_rng(config.slam.seed)
+        self.core = RunCore(config, rng, timer_s)
+        self.end: Mark | None = None
+        self._options = options
+        self._decision: Decision | None = None
+        self._scans_seen = 0
+
+    def feed(self, message: ImuSample | WheelSample | LaserScan | Mark) -> None:
+        """One message, in the order of the journal."""
+        match message:
+            case ImuSample():
+                self.core.on_imu(message)
+            case WheelSample():
+                self.core.on_wheels(message)
+            case LaserScan():
+                self.core.on_revolution(message)
+            case Mark():
+                self._on_mark(message)
+
+    def _on_mark(self, mark: Mark) -> None:
+        payload = mark.payload
+        match mark.kind:
+            case "scan_begin":
+                self.core.begin_scan()
+            case "node_scan" if self._is_wanted():
+                self._compute(self.core.prepare_node_scan(payload["set_rpm"]))
+            case "sweep" if self._is_wanted():
+                self._compute(self.core.prepare_sweep(may_be_node=payload["may_be_node"]))
+            case "give_up" if isinstance(self._decision, Drive):
+                pose = Pose2(*payload["pose"])
+                self._decision = self.core.give_up(self._decision, payload["why"], pose)
+            case "end":
+                self.end = mark
+
+    def _is_wanted(self) -> bool:
+        self._scans_seen += 1
+        return (self._scans_seen - 1) % self._options.every == 0
+
+    def _compute(self, job: ScanJob) -> None:
+        if not self._options.use_odometry:
+            unknown = np.diag(np.square(UNKNOWN_MOTION_STD))
+            job = replace(job, motion=replace(job.motion, delta=Pose2(), covariance=unknown))
+        outcome = self.core.compute(job)
+        self.core.apply(outcome)
+        if outcome.decision is not None:
+            self._decision = outcome.decision
+
+
+def replay_journal(
+    path: Path,
+    options: JournalOptions,
+    timer_s: Callable[[], float],
+    on_progress: Callable[[float], None] = lambda stamp_s: None,
+) -> RunResult:
+    """The run of the journal at `path`, computed again.
+
+    Raises
+    ------
+    InputError
+        If the file is not a journal, or holds no run.
+    ConfigError
+        If an override is wrong.
+    """
+    begun_s = timer_s()
+    header, messages = read_journal(path)
+    recorded = configuration.loads(header.config_toml, f"{path} (recorded configuration)")
+    config = configuration.with_overrides(recorded, options.overrides)
+    replay = JournalReplay(config, options, timer_s)
+    for message in messages:
+        replay.feed(message)
+        if isinstance(message, Mark):
+            on_progress(message.stamp_s)
+    if replay.core.first_stamp_s is None:
+        raise InputError(
+            f"{path}: the recording ends before any wheel telemetry: nothing to map"
+        )
+    end: dict[str, Any] = (
+        replay.end.payload
+        if replay.end is not None
+        else {"state": "stopped", "reason": "the recording ends here", "lrf_on_s": 0.0}
+    )
+    notes: dict[str, Any] = {"replay_of": header.run_name}
+    if messages.losses:
+        notes["recording_losses"] = [str(loss) for loss in messages.losses]
+    return replay.core.result(
+        name=header.run_name,
+        state=RunState(end["state"]),
+        reason=end["reason"],
+        lrf_on_s=end["lrf_on_s"],
+        wall_time_s=timer_s() - begun_s,
+        peak_rss_mb=peak_rss_mb(),
+        notes=notes,
+    )
