@@ -3,8 +3,8 @@
 
 In come ImuSample and WheelSample, each at its own 50 Hz; out come pose, velocity, covariance
 and motion increments in the `odom` frame, which begins where the robot stood when its gyro bias
-was known. One predict and one update of `CentralKalman` per wheel sample. A robot whose encoders
-rest stands still: then, as a zero-velocity update, the gyro's reading *is* its bias.
+was known. One step of `CentralKalman` per wheel sample. A robot whose encoders rest stands
+still: then, as a zero-velocity update, what the gyro reads *is* its bias.
 """
 
 from __future__ import annotations
