@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
 """The laser range finder (LRF): an XV-11 behind the XV Lidar Controller, on a serial line.
 
-Bytes in, one `LaserScan` per revolution out. Holds the motor's set speed, and says what is wrong
-when the rotor does not turn as it should. Decoding, timing, text and judging are pure, in
+Bytes in, one `LaserScan` per revolution out. Holds the motor's set speed, and says what is
+wrong when the rotor does not turn as it should. Decoding, timing, text and judging are pure, in
 `lrf_codec`, `lrf_revolutions`, `lrf_controller` and `lrf_spin_watch`.
 """
 
@@ -251,8 +251,8 @@ class LrfDriver:
             raise DeviceError(
                 f"lrf: {self._config.port}: {fault}, after {_RESTARTS_MAX} restarts of the "
                 f"motor ({counters.packets} good packets and {counters.rejected_bytes} other "
-                f"bytes so far): rotor blocked, belt off or cable loose? Turn it by hand, check "
-                f"the cable and lrf.port, and start again"
+                f"bytes so far): rotor blocked, belt off or cable loose? Turn it by hand, "
+                f"check the cable and lrf.port, and start again"
             )
         self._restarts_in_a_row += 1
         self._motor_restarts += 1
@@ -266,10 +266,11 @@ class LrfDriver:
         """Lines of text from between the packets."""
         state = self._controller
         restarts = state.sensor_restarts
+        state.set_rpm = None
         for line in lines:
             state.read_line(line)
         if state.set_rpm is not None:
-            self._watch.set_rpm = state.set_rpm
+            self._watch.confirm(state.set_rpm)
         if state.sensor_restarts > restarts and self._is_motor_on:
             log.warning(
                 "lrf: the sensor restarted with the motor on (boot banner, firmware %s)",

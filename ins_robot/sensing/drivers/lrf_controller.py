@@ -26,7 +26,11 @@ def encode_commands(*commands: str) -> bytes:
 
 @dataclass(slots=True)
 class ControllerState:
-    """What the lines told so far; versions are "" and the speed None while unknown."""
+    """What the lines told so far; versions are "" while unknown.
+
+    `set_rpm` is the set speed the controller confirmed in the last lines read, None if it did
+    not.
+    """
 
     version: str = ""
     sensor_version: str = ""

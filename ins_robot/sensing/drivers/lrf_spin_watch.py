@@ -36,6 +36,7 @@ class SpinWatch:
         self._config = config
         self.set_rpm = config.rpm
         self.is_steady = False
+        self._ceiling_rpm = config.rpm_max
         self._rpm = math.nan
         self._start_s = math.nan  # the motor, or a new set speed
         self._heard_s: float | None = None
@@ -43,6 +44,12 @@ class SpinWatch:
         self._at_speed_s = math.nan
         self._beams = 0  # of the present window, a full turn long
         self._slow_beams = 0
+
+    def confirm(self, set_rpm: float) -> None:
+        """The controller says which set speed it took; less than asked for is its limit."""
+        if set_rpm < self.set_rpm:
+            self._ceiling_rpm = min(self._ceiling_rpm, set_rpm)
+        self.set_rpm = set_rpm
 
     def start(self, now_s: float) -> None:
         """The motor was switched on, or the set speed changed."""
@@ -79,11 +86,11 @@ class SpinWatch:
     def faster_rpm(self) -> float | None:
         """The higher set speed to try, when most beams of a turn at this one are too slow.
 
-        None when all is well, or when the set speed is at `rpm_max` already.
+        None when all is well, or when `rpm_max` or the controller's own limit is reached.
         """
         if self._beams < BEAMS_PER_TURN or not self._is_mostly_slow:
             return None
-        faster = min(self.set_rpm + self._config.rpm_step, self._config.rpm_max)
+        faster = min(self.set_rpm + self._config.rpm_step, self._ceiling_rpm)
         return faster if faster > self.set_rpm else None
 
     def fault(self, now_s: float) -> str | None:
