@@ -1,0 +1,288 @@
+# SPDX-License-Identifier: MIT
+"""The body of the simulated robot: motor duties in; wheel counts, contacts and true poses out.
+
+Each wheel follows its duty with a lag and is counted by its encoder; on the ground it slips, by a
+constant share and by a share that wanders. A body that would enter a wall is pushed back out along
+the wall's normal, so that it slides. Plain floats: a step of 10 ms costs about 10 us.
+World frame; `poses_at` and all truth are in it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from ins_robot.config import Config
+from ins_robot.control.kinematics import OmniKinematics
+from ins_robot.errors import InputError
+from ins_robot.geometry.angles import FloatArray, wrap_rad
+from ins_robot.geometry.pose2 import Pose2
+from ins_robot.simulation.emulators.motor import BodyInputs
+from ins_robot.simulation.magnetic_field import MagneticField
+from ins_robot.simulation.noise import GaussianSource, OrnsteinUhlenbeck
+from ins_robot.simulation.pose_history import PoseHistory
+from ins_robot.simulation.world import World
+
+STEP_S = 0.01
+_SPEED_RESERVE = 1.25
+"""Full duty turns a free wheel this much faster than `wheels.speed_max_radps`."""
+_SLIP_TIME_S = 0.4
+_CONTACT_ENDS_S = 0.5
+"""A body free for this long touches anew; contacts closer in time are one collision."""
+_BUMPER_GAP_M = 0.002
+"""How far the body must be off the wall for the bumper to open again."""
+_PUSHES = 4
+_BATTERY_FULL_V = 12.4
+_BATTERY_DROP_V_PER_H = 0.3
+_STANDS_RADPS = 1e-6
+
+Triple = tuple[float, float, float]
+
+
+class BodyFault(StrEnum):
+    """What can go wrong with the body on purpose; see `RobotBody.schedule`."""
+
+    SLIP_BURST = "slip_burst"
+    """Two wheels lose most of their grip: the body turns and falls behind its encoders."""
+    STUCK = "stuck"
+    """Wheels turn, the body stays: a carpet's edge."""
+    CLIFF = "cliff"
+    """The cliff input is on."""
+    EMERGENCY_STOP = "emergency_stop"
+    """The emergency-stop input is on."""
+    BATTERY_LOW = "battery_low"
+    """The battery reads 9 V."""
+
+
+_BURST_GRIP: Triple = (0.2, 1.0, 0.4)
+_NO_GRIP: Triple = (0.0, 0.0, 0.0)
+_BATTERY_LOW_V = 9.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _ScheduledFault:
+    fault: BodyFault
+    from_s: float
+    until_s: float
+
+
+class RobotBody:
+    """One robot in one world.
+
+    Parameters
+    ----------
+    world : World
+    start : Pose2
+        World frame; must fit (`World.start_pose` sees to that).
+    config : Config
+    rng : numpy.random.Generator
+        Slip and metal objects.
+    start_s : float
+        Time at which the robot is set down.
+
+    Attributes
+    ----------
+    collisions : int
+        Contacts with a wall so far.
+    path_length_m : float
+        Way really gone.
+    """
+
+    temperature_c = 25.0
+
+    def __init__(
+        self,
+        world: World,
+        start: Pose2,
+        config: Config,
+        rng: np.random.Generator,
+        start_s: float = 0.0,
+    ) -> None:
+        wheels, simulation = config.wheels, config.simulation
+        self.world = world
+        self.start = start
+        self.radius_m = config.robot.radius_m
+        self.collisions = 0
+        self.path_length_m = 0.0
+        self._kinematics = OmniKinematics(wheels)
+        self._top_radps = _SPEED_RESERVE * wheels.speed_max_radps
+        self._counts_per_rad = wheels.pulses_per_rev * wheels.quadrature / (2.0 * math.pi)
+        self._lag_s = simulation.motor_lag_s
+        self._slip_std = simulation.slip_std
+        bias_rng, slip_rng, metal_rng = rng.spawn(3)
+        bias = bias_rng.standard_normal(3) * simulation.slip_bias_std
+        self._grip: list[float] = (1.0 + bias).tolist()
+        source = GaussianSource(slip_rng)
+        self._slips = [OrnsteinUhlenbeck(source, _SLIP_TIME_S) for _ in range(4)]
+        self._metal = MagneticField(world, simulation.compass_disturbance, metal_rng)
+        self._now_s = self._start_s = start_s
+        self._x_m, self._y_m, self._heading_rad = start.x_m, start.y_m, start.heading_rad
+        self._turns_rad = [0.0, 0.0, 0.0]
+        self._speeds_radps = [0.0, 0.0, 0.0]
+        self._twist_world: Triple = (0.0, 0.0, 0.0)
+        self._is_touching = False
+        self._touched_s = -math.inf
+        self._faults: list[_ScheduledFault] = []
+        self._history = PoseHistory(start_s, (self._x_m, self._y_m, self._heading_rad))
+
+    # Body of the motor emulator.
+
+    def advance(self, to_s: float, duties: Triple) -> None:
+        """Live until `to_s` with constant duties, each -1..1; 1 drives ccw."""
+        while to_s - self._now_s > 1e-9:
+            self._step(min(STEP_S, to_s - self._now_s), duties)
+
+    def counts(self) -> tuple[int, int, int]:
+        """Encoder totals in whole counts, positive where the wheel drove the body ccw."""
+        a, b, c = self._turns_rad
+        scale = self._counts_per_rad
+        return math.floor(a * scale), math.floor(b * scale), math.floor(c * scale)
+
+    def inputs(self) -> BodyInputs:
+        """Bumper, cliff, emergency stop and battery now."""
+        faults = self._active_faults()
+        hours = (self._now_s - self._start_s) / 3600.0
+        low = BodyFault.BATTERY_LOW in faults
+        return BodyInputs(
+            bumper=self._is_touching,
+            cliff=BodyFault.CLIFF in faults,
+            emergency_stop=BodyFault.EMERGENCY_STOP in faults,
+            battery_v=_BATTERY_LOW_V
+            if low
+            else _BATTERY_FULL_V - _BATTERY_DROP_V_PER_H * hours,
+        )
+
+    # BodyMotion of the IMU emulator.
+
+    def yaw_rate_radps(self, now_s: float) -> float:
+        """True yaw rate, the latest known at `now_s`."""
+        return self._twist_world[2]
+
+    def field_gauss(self, now_s: float) -> Triple:
+        """Magnetic field in the base frame, gauss."""
+        ahead = max(0.0, now_s - self._now_s)
+        heading = self._heading_rad + ahead * self._twist_world[2]
+        c, s = math.cos(heading), math.sin(heading)
+        fx, fy, fz = self._metal.at(self._x_m, self._y_m)
+        return c * fx + s * fy, c * fy - s * fx, fz
+
+    # Truth.
+
+    @property
+    def pose(self) -> Pose2:
+        """True pose now, world_from_base."""
+        return Pose2(self._x_m, self._y_m, wrap_rad(self._heading_rad))
+
+    @property
+    def now_s(self) -> float:
+        """How far the body has lived."""
+        return self._now_s
+
+    def poses_at(self, stamps_s: FloatArray) -> FloatArray:
+        """(N, 3) true poses, world_from_base, at the stamps (N,), in any order."""
+        return self._history.at(stamps_s, self._twist_world)
+
+    # Faults on purpose.
+
+    def schedule(self, fault: BodyFault, from_s: float, duration_s: float) -> None:
+        """Let a fault happen for a while of robot time."""
+        self._faults.append(
+            _ScheduledFault(fault=fault, from_s=from_s, until_s=from_s + duration_s)
+        )
+
+    def kidnap(self, to: Pose2) -> None:
+        """Carry the robot elsewhere; its wheels do not notice. InputError if it does not fit."""
+        if self.world.clearance.nearest_wall(to.x_m, to.y_m).distance_m < self.radius_m:
+            raise InputError(
+                f"kidnap to {to.x_m:.2f}, {to.y_m:.2f}: the body does not fit there"
+            )
+        self._x_m, self._y_m, self._heading_rad = to.x_m, to.y_m, to.heading_rad
+
+    def _active_faults(self) -> set[BodyFault]:
+        now = self._now_s
+        return {f.fault for f in self._faults if f.from_s <= now < f.until_s}
+
+    def _step(self, dt_s: float, duties: Triple) -> None:
+        self._now_s += dt_s
+        if self._turn_wheels(dt_s, duties):
+            self._move(dt_s)
+        else:
+            self._twist_world = (0.0, 0.0, 0.0)
+        self._history.append(self._now_s, (self._x_m, self._y_m, self._heading_rad))
+
+    def _turn_wheels(self, dt_s: float, duties: Triple) -> bool:
+        """First-order lag of each wheel behind its duty; whether any wheel turns."""
+        decay = math.exp(-dt_s / self._lag_s)
+        turns = False
+        for wheel in range(3):
+            goal = duties[wheel] * self._top_radps
+            begin = self._speeds_radps[wheel]
+            end = goal + (begin - goal) * decay
+            # Integral of the exponential approach over the step, exact.
+            self._turns_rad[wheel] += goal * dt_s + (begin - end) * self._lag_s
+            self._speeds_radps[wheel] = end
+            turns = turns or abs(end) > _STANDS_RADPS or abs(begin) > _STANDS_RADPS
+        return turns
+
+    def _move(self, dt_s: float) -> None:
+        vx, vy, yaw_rate = self._kinematics.twist(self._rolling_radps(dt_s))
+        # Rollers give sideways too: a wandering share of the speed, across it.
+        share = self._slip_std * self._slips[3].step(dt_s)
+        vx, vy = vx - share * vy, vy + share * vx
+        heading = self._heading_rad + 0.5 * yaw_rate * dt_s
+        cos, sin = math.cos(heading), math.sin(heading)
+        x = self._x_m + (cos * vx - sin * vy) * dt_s
+        y = self._y_m + (sin * vx + cos * vy) * dt_s
+        x, y = self._kept_out_of_walls(x, y)
+        gone_x, gone_y = x - self._x_m, y - self._y_m
+        self._x_m, self._y_m = x, y
+        self._heading_rad += yaw_rate * dt_s
+        self._twist_world = (gone_x / dt_s, gone_y / dt_s, yaw_rate)
+        self.path_length_m += math.hypot(gone_x, gone_y)
+
+    def _rolling_radps(self, dt_s: float) -> Triple:
+        """What of each wheel's speed reaches the ground."""
+        grip = [
+            self._grip[wheel] + self._slip_std * self._slips[wheel].step(dt_s)
+            for wheel in range(3)
+        ]
+        if self._faults:
+            faults = self._active_faults()
+            if BodyFault.SLIP_BURST in faults:
+                grip = [g * burst for g, burst in zip(grip, _BURST_GRIP, strict=True)]
+            if BodyFault.STUCK in faults:
+                grip = [*_NO_GRIP]
+        a, b, c = self._speeds_radps
+        return a * grip[0], b * grip[1], c * grip[2]
+
+    def _kept_out_of_walls(self, x: float, y: float) -> tuple[float, float]:
+        """The place wanted, pushed out of the walls; where the body was when that fails."""
+        clearance, radius = self.world.clearance, self.radius_m
+        if clearance.at_least_m(x, y) > radius + _BUMPER_GAP_M:
+            self._is_touching = False
+            return x, y
+        for _ in range(_PUSHES):
+            wall = clearance.nearest_wall(x, y)
+            if wall.distance_m >= radius:
+                break
+            self._touch()
+            if wall.distance_m == 0.0:
+                return self._x_m, self._y_m
+            push = radius / wall.distance_m
+            x, y = wall.x_m + (x - wall.x_m) * push, wall.y_m + (y - wall.y_m) * push
+        else:
+            wall = clearance.nearest_wall(x, y)
+            if wall.distance_m < radius - 1e-6:
+                return self._x_m, self._y_m
+        if wall.distance_m > radius + _BUMPER_GAP_M:
+            self._is_touching = False
+        return x, y
+
+    def _touch(self) -> None:
+        self._is_touching = True
+        if self._now_s - self._touched_s > _CONTACT_ENDS_S:
+            self.collisions += 1
+        self._touched_s = self._now_s
