@@ -49,7 +49,7 @@ class SimulatedRobot:
         self.body = RobotBody(world, start, config, body_rng)
         self.optics = WorldOptics(world, self.body, config.lrf, config.simulation, optics_rng)
         self.lrf = LrfEmulator(self.optics, lrf_rng, config.simulation)
-        self.motors = MotorEmulator(self.body)
+        self.motors = MotorEmulator(self.body, config.wheels)
         compass: RegisterDevice
         if config.simulation.compass_chip == "hmc5883l":
             compass = Hmc5883lEmulator(self.body, config.simulation, compass_rng)
@@ -78,5 +78,12 @@ class SimulatedRobot:
         return replace(
             result,
             true_map_from_base=true_map_from_base,
-            truth_metrics=truth.metrics(self, result, true_map_from_base),
+            truth_metrics=truth.metrics(
+                self.config,
+                self.body,
+                self.optics,
+                result.grid,
+                result.map_from_base,
+                true_map_from_base,
+            ),
         )

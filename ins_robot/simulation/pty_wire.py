@@ -29,45 +29,40 @@ class PtyWire:
     device : WireDevice
     link : Path
         Symbolic link to the terminal; an older link there is replaced, a file is not.
-
-    Raises
-    ------
-    DeviceError
-        When the link cannot be made.
     """
 
     def __init__(self, device: WireDevice, link: Path) -> None:
         self._device = device
         self._link = link
+        self._master = -1
+        self._terminal = ""
+        self._poll = select.poll()
+        self._has_client = False
+        self._timer: asyncio.TimerHandle | None = None
+
+    async def open(self) -> None:
+        """Make terminal and link, and serve them on the running loop until `close`.
+
+        Raises
+        ------
+        DeviceError
+            When the link cannot be made.
+        """
         self._master, slave = os.openpty()
         self._terminal = os.ttyname(slave)
         tty.setraw(slave)
         os.set_blocking(self._master, False)
         # Nobody at the terminal shows as POLLHUP; it lasts until a client opens it.
         os.close(slave)
-        self._poll = select.poll()
         self._poll.register(self._master, select.POLLIN)
-        self._is_open = True
-        self._has_client = False
         try:
             self._publish()
         except OSError as error:
-            os.close(self._master)
+            self._hang_up()
             raise DeviceError(
-                f"{link}: cannot link the simulated terminal there: {error.strerror}"
+                f"{self._link}: cannot link the simulated terminal there: {error.strerror}"
             ) from None
-
-    @property
-    def terminal(self) -> str:
-        """Path of the terminal itself, e.g. /dev/pts/7."""
-        return self._terminal
-
-    async def serve(self) -> None:
-        """Carry bytes both ways every few ms, for ever; cancel it to stop."""
-        loop = asyncio.get_running_loop()
-        while self._is_open:
-            self.pump(loop.time())
-            await asyncio.sleep(PERIOD_S)
+        self._tick()
 
     def pump(self, now_s: float) -> None:
         """Give the device what came, let it live until now, send what it said."""
@@ -86,12 +81,21 @@ class PtyWire:
 
     def close(self) -> None:
         """Remove the link and hang up; may be called again."""
-        if not self._is_open:
-            return
-        self._is_open = False
-        if self._link.is_symlink() and str(self._link.readlink()) == self._terminal:
-            self._link.unlink()
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+            if self._link.is_symlink() and str(self._link.readlink()) == self._terminal:
+                self._link.unlink()
+            self._hang_up()
+
+    def _hang_up(self) -> None:
+        self._poll.unregister(self._master)
         os.close(self._master)
+
+    def _tick(self) -> None:
+        loop = asyncio.get_running_loop()
+        self._timer = loop.call_later(PERIOD_S, self._tick)
+        self.pump(loop.time())
 
     def _publish(self) -> None:
         if self._link.exists() and not self._link.is_symlink():

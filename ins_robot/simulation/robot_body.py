@@ -27,8 +27,6 @@ from ins_robot.simulation.pose_history import PoseHistory
 from ins_robot.simulation.world import World
 
 STEP_S = 0.01
-_SPEED_RESERVE = 1.25
-"""Full duty turns a free wheel this much faster than `wheels.speed_max_radps`."""
 _SLIP_TIME_S = 0.4
 _CONTACT_ENDS_S = 0.5
 """A body free for this long touches anew; contacts closer in time are one collision."""
@@ -108,7 +106,7 @@ class RobotBody:
         self.collisions = 0
         self.path_length_m = 0.0
         self._kinematics = OmniKinematics(wheels)
-        self._top_radps = _SPEED_RESERVE * wheels.speed_max_radps
+        self._top_radps = wheels.free_speed_radps
         self._counts_per_rad = wheels.pulses_per_rev * wheels.quadrature / (2.0 * math.pi)
         self._lag_s = simulation.motor_lag_s
         self._slip_std = simulation.slip_std

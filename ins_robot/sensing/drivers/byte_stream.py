@@ -159,7 +159,7 @@ def _open(port: str, baud: int) -> serial.Serial:
 def _reason(error: Exception, baud: int) -> str:
     cause: BaseException | None = error
     while cause is not None:
-        number = getattr(cause, "errno", None)
+        number = cause.args[0] if cause.args else None  # also of termios.error, no OSError
         if number in _CURES:
             return _CURES[number]
         cause = cause.__context__

@@ -18,6 +18,7 @@ class DeviceClock:
     def __init__(self) -> None:
         self.device_s = 0.0
         self._time_ms: int | None = None
+        self._elapsed_ms = 0
         self._offset_s = 0.0
         self._stamp_s = 0.0
 
@@ -35,10 +36,12 @@ class DeviceClock:
         if not 0 < step_ms <= STEP_MAX_MS:
             return None
         self._time_ms = time_ms
-        step_s = step_ms * 1e-3
-        self.device_s += step_s
+        self._elapsed_ms += step_ms
+        self.device_s = self._elapsed_ms * 1e-3
         late_s = arrival_s - self.device_s - self._offset_s
-        self._offset_s += late_s if late_s < 0.0 else late_s * min(1.0, step_s / AGEING_S)
+        self._offset_s += (
+            late_s if late_s < 0.0 else late_s * min(1.0, step_ms * 1e-3 / AGEING_S)
+        )
         # An offset just found too late must not turn time back.
         self._stamp_s = min(arrival_s, max(self._stamp_s, self.device_s + self._offset_s))
         return self._stamp_s
