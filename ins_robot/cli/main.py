@@ -90,20 +90,23 @@ def _run(arguments: Sequence[str]) -> int:
 
 
 def _parsers() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParser]]:
+    width = max(len(command.name) for command in COMMANDS)
+    table = "\n".join(f"  {command.name:<{width}}  {command.summary}" for command in COMMANDS)
     parser = argparse.ArgumentParser(
         prog="ins-robot",
-        description="A robot that explores an unknown building by itself and maps it.",
+        usage="ins-robot [-h] [--version] COMMAND ...",
+        description="A robot that explores an unknown building by itself and maps it."
+        f"\n\ncommands:\n{table}",
         epilog="`ins-robot COMMAND --help` tells the options of a command.",
-        # Room for the longest command name beside its summary.
-        formatter_class=lambda prog: argparse.HelpFormatter(prog, max_help_position=20),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )
     parser.add_argument("--version", action="version", version=f"ins-robot {__version__}")
-    group = parser.add_subparsers(dest="command", metavar="COMMAND")
+    group = parser.add_subparsers(dest="command", metavar="COMMAND", help="one of these")
     subparsers = {
         command.name: group.add_parser(
             command.name,
-            help=command.summary,
+            prog=f"ins-robot {command.name}",
             description=command.summary[0].upper() + command.summary[1:] + ".",
             allow_abbrev=False,
         )

@@ -16,7 +16,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     parser.add_argument("--json", action="store_true", help="a JSON list on stdout")
     add_config_argument(parser)
-    actions = parser.add_subparsers(dest="action", metavar="delete NAME...", title="removing")
+    parser.usage = "ins-robot runs [-h] [--json] [--config F] [delete NAME ...]"
+    actions = parser.add_subparsers(dest="action", metavar="delete", prog="ins-robot runs")
     delete = actions.add_parser("delete", help="remove runs", allow_abbrev=False)
     delete.add_argument("names", nargs="+", metavar="NAME", help="as `ins-robot runs` lists it")
     add_config_argument(delete)

@@ -1,0 +1,209 @@
+# SPDX-License-Identifier: MIT
+"""The command line itself: help, errors, exit codes, and which configuration is read."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import subprocess
+import sys
+import types
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+import ins_robot
+from ins_robot.cli.config_source import ENVIRONMENT_VARIABLE, find_config, load_config
+from ins_robot.cli.main import COMMANDS, main
+from ins_robot.config import Config, load, reference_toml
+from ins_robot.errors import DeviceError, RobotError
+
+ISSUE_COMMANDS = {
+    "daemon", "start", "stop", "pause", "resume", "estop", "clear", "status", "map", "runs",
+    "check-config", "simulate", "replay", "emulate",
+}  # fmt: skip
+
+
+@pytest.fixture
+def command(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[[], int]], None]:
+    """Puts a function in the place of `simulate`."""
+
+    def install(run: Callable[[], int]) -> None:
+        module = types.ModuleType("simulate")
+        module.add_arguments = lambda parser: None  # type: ignore[attr-defined]
+        module.run = lambda args: run()  # type: ignore[attr-defined]
+        monkeypatch.setitem(sys.modules, "ins_robot.cli.commands.simulate", module)
+
+    return install
+
+
+def raising(error: BaseException) -> Callable[[], int]:
+    def run() -> int:
+        raise error
+
+    return run
+
+
+def test_help_lists_every_command_on_one_line_and_imports_none() -> None:
+    script = (
+        "import sys\n"
+        "from ins_robot.cli.main import main\n"
+        "try: main(['--help'])\n"
+        "except SystemExit as end: assert end.code == 0\n"
+        "found = [m for m in sys.modules if m.startswith('ins_robot.cli.commands')]\n"
+        "assert not found, found\n"
+    )
+    result = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True
+    )
+    assert {command.name for command in COMMANDS} == ISSUE_COMMANDS
+    for entry in COMMANDS:
+        assert any(
+            line.split() == [entry.name, *entry.summary.split()]
+            for line in result.stdout.splitlines()
+        )
+
+
+def test_every_module_of_a_client_command_keeps_the_contract() -> None:
+    for entry in COMMANDS:
+        if entry.name in ("daemon", "simulate", "emulate", "replay"):
+            continue  # heavy ones: their own tests run them
+        module = importlib.import_module(f"ins_robot.cli.commands.{entry.module}")
+        module.add_arguments(argparse.ArgumentParser())
+        assert callable(module.run)
+
+
+def test_version(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as end:
+        main(["--version"])
+    assert end.value.code == 0
+    assert capsys.readouterr().out == f"ins-robot {ins_robot.__version__}\n"
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [["fly"], ["--fast"], ["status", "--jason"], ["runs", "delete"], ["stop", "now"]],
+)
+def test_wrong_usage_is_exit_code_2(arguments: list[str]) -> None:
+    with pytest.raises(SystemExit) as end:
+        main(arguments)
+    assert end.value.code == 2
+
+
+def test_no_command_shows_the_help(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert "simulate" in err
+
+
+def test_a_known_error_is_one_line_whatever_its_text(
+    command: Callable[[Callable[[], int]], None], capsys: pytest.CaptureFixture[str]
+) -> None:
+    command(raising(RobotError("first\nsecond")))
+    assert main(["simulate"]) == 1
+    assert capsys.readouterr().err == "ins-robot: first second\n"
+    command(raising(DeviceError("lrf: gone")))  # an OSError too, and still known
+    assert main(["simulate"]) == 1
+    assert capsys.readouterr().err == "ins-robot: lrf: gone\n"
+
+
+def test_a_file_the_system_refuses_is_one_line(
+    command: Callable[[Callable[[], int]], None], capsys: pytest.CaptureFixture[str]
+) -> None:
+    command(raising(OSError(28, "No space left on device", "/x/map.png")))
+    assert main(["simulate"]) == 1
+    assert capsys.readouterr().err == "ins-robot: /x/map.png: No space left on device\n"
+
+
+@pytest.mark.parametrize("bug", [ZeroDivisionError("x"), OSError(9, "Bad file descriptor")])
+def test_a_bug_keeps_its_traceback(
+    command: Callable[[Callable[[], int]], None], bug: Exception
+) -> None:
+    command(raising(bug))
+    with pytest.raises(type(bug)):
+        main(["simulate"])
+
+
+def test_interrupt_is_exit_code_130(command: Callable[[Callable[[], int]], None]) -> None:
+    command(raising(KeyboardInterrupt()))
+    assert main(["simulate"]) == 130
+
+
+def test_a_reader_that_leaves_is_no_error() -> None:
+    """`check-config --reference | head -c 1`: no traceback, no words."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", SLOW_PRINTER], stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    )
+    assert process.stdout is not None
+    assert process.stderr is not None
+    process.stdout.read(1)
+    process.stdout.close()
+    assert process.wait(30) == 141
+    assert process.stderr.read() == b""
+    process.stderr.close()
+
+
+SLOW_PRINTER = """
+import sys, types
+from ins_robot.cli.main import main
+module = types.ModuleType("simulate")
+module.add_arguments = lambda parser: None
+def run(args):
+    while True:
+        print("x" * 10000)
+module.run = run
+sys.modules["ins_robot.cli.commands.simulate"] = module
+sys.exit(main(["simulate"]))
+"""
+
+
+def test_which_configuration_is_read(tmp_path: Path) -> None:
+    system = tmp_path / "system.toml"
+    named = {ENVIRONMENT_VARIABLE: "/of/the/environment.toml"}
+    assert find_config(None, {}, system) is None
+    system.write_text("")
+    assert find_config(None, {}, system) == system
+    assert find_config(None, {ENVIRONMENT_VARIABLE: ""}, system) == system
+    assert find_config(None, named, system) == Path("/of/the/environment.toml")
+    assert find_config(Path("explicit.toml"), named, system) == Path("explicit.toml")
+
+
+def test_overrides_come_on_top_of_the_file(tmp_path: Path) -> None:
+    path = tmp_path / "c.toml"
+    path.write_text("[lrf]\nrpm = 250.0\nrevolutions = 3\n")
+    args = argparse.Namespace(config=path, overrides=["lrf.rpm=260"])
+    config = load_config(args)
+    assert (config.lrf.rpm, config.lrf.revolutions) == (260.0, 3)
+
+
+def test_check_config(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    good, bad = tmp_path / "good.toml", tmp_path / "bad.toml"
+    good.write_text("[lrf]\nrpm = 250.0\n")
+    bad.write_text("[lrf]\nrpm = 2500.0\n")
+    assert main(["check-config", str(good)]) == 0
+    assert capsys.readouterr().out == f"{good}: ok\n"
+    assert main(["check-config", str(bad)]) == 1
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err == f"ins-robot: {bad}: lrf.rpm = 2500.0: must be at most 349\n"
+    assert main(["check-config", "--config", str(bad)]) == 1
+    assert main(["check-config", str(tmp_path / "none.toml")]) == 1
+    assert "none.toml: no such configuration file" in capsys.readouterr().err
+
+
+def test_printed_configurations_read_back_equal(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "c.toml"
+    path.write_text("[lrf]\nrpm = 250.0\n")
+    assert main(["check-config", str(path), "--print", "--set", "slam.particles=50"]) == 0
+    printed = tmp_path / "printed.toml"
+    printed.write_text(capsys.readouterr().out)
+    assert load(printed) == load(path, ["slam.particles=50"])
+    assert main(["check-config", "--reference"]) == 0
+    reference = capsys.readouterr().out
+    assert reference == reference_toml()
+    printed.write_text(reference)
+    assert load(printed) == Config()

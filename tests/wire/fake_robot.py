@@ -1,0 +1,102 @@
+# SPDX-License-Identifier: MIT
+"""A `RobotCommands` that notes what it was asked, and a daemon's thread that serves it."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from ins_robot.daemon.control_socket import ControlSocket
+from ins_robot.errors import InputError, StateError
+
+MAP = {
+    "png": b"\x89PNG\r\n\x1a\n\x00\xff" + bytes(range(256)),
+    "pgm": b"P5 ",
+    "yaml": b"image: ",
+}
+
+
+class FakeRobot:
+    """Answers at once, except where `gate` is set: there `stop` waits."""
+
+    def __init__(self) -> None:
+        self.calls: list[Any] = []
+        self.maps = dict(MAP)
+        self.gate: asyncio.Event | None = None
+        self.stopping: asyncio.Event | None = None
+        self.bug: Exception | None = None
+
+    async def start(self, name: str) -> str:
+        self.calls.append(("start", name))
+        if name == "again":
+            raise StateError("a run is going on: `ins-robot stop` ends it")
+        return f"0001-{name or 'run'}"
+
+    async def stop(self) -> str:
+        self.calls.append("stop")
+        if self.gate is not None and self.stopping is not None:
+            self.stopping.set()
+            await self.gate.wait()
+        return "0001-run"
+
+    async def pause(self) -> None:
+        self.calls.append("pause")
+
+    async def resume(self) -> None:
+        self.calls.append("resume")
+
+    async def estop(self) -> None:
+        self.calls.append("estop")
+
+    async def clear(self) -> None:
+        self.calls.append("clear")
+
+    async def status(self) -> dict[str, Any]:
+        self.calls.append("status")
+        if self.bug is not None:
+            raise self.bug
+        return {"state": "exploring", "pose": {"x_m": 1.25, "heading_rad": float("nan")}}
+
+    async def map(self, format: str) -> bytes:
+        self.calls.append(("map", format))
+        return self.maps[format]
+
+    async def runs(self) -> list[dict[str, Any]]:
+        return [
+            {"name": "0001-lab", "state": "complete", "duration_s": 61.4, "scans": 7},
+            {"name": "0002-run", "state": "interrupted", "duration_s": None},
+        ]
+
+    async def delete_runs(self, names: list[str]) -> None:
+        self.calls.append(("delete_runs", names))
+        if "0009-none" in names:
+            raise InputError("no run '0009-none'")
+
+
+@contextlib.contextmanager
+def served(path: Path, robot: FakeRobot) -> Iterator[None]:
+    """The control socket at `path`, answered by `robot` from a thread of its own."""
+    is_open, loops = threading.Event(), []
+
+    async def serve() -> None:
+        control = ControlSocket(path, robot)
+        await control.open()
+        end = asyncio.Event()
+        loops.append((asyncio.get_running_loop(), end))
+        is_open.set()
+        await end.wait()
+        await control.close()
+
+    thread = threading.Thread(target=lambda: asyncio.run(serve()))
+    thread.start()
+    try:
+        assert is_open.wait(10.0)
+        yield
+    finally:
+        for loop, end in loops:
+            loop.call_soon_threadsafe(end.set)
+        thread.join(10.0)

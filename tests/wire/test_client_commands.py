@@ -1,0 +1,234 @@
+# SPDX-License-Identifier: MIT
+"""The client commands as a user calls them, against a served control socket."""
+
+from __future__ import annotations
+
+import json
+import os
+import pty
+import socket
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import pytest
+from fake_robot import MAP, FakeRobot, served
+
+from ins_robot.cli.control_client import ask
+from ins_robot.cli.main import main
+from ins_robot.daemon.control_protocol import Request
+from ins_robot.errors import InputError, StateError
+
+CLIENT_COMMANDS = [
+    ["start"],
+    ["stop"],
+    ["pause"],
+    ["resume"],
+    ["estop"],
+    ["clear"],
+    ["status"],
+    ["map"],
+    ["runs"],
+]
+
+
+@pytest.fixture
+def config(tmp_path: Path) -> Path:
+    path = tmp_path / "robot.toml"
+    path.write_text(f'[daemon]\nsocket = "{tmp_path}/s"\n')
+    return path
+
+
+@pytest.fixture
+def robot(tmp_path: Path, config: Path, monkeypatch: pytest.MonkeyPatch) -> FakeRobot:
+    robot = FakeRobot()
+    monkeypatch.setenv("INS_ROBOT_CONFIG", str(config))
+    with served(tmp_path / "s", robot):
+        yield robot
+
+
+def test_orders_reach_the_robot(robot: FakeRobot, capsys: pytest.CaptureFixture[str]) -> None:
+    for order in ("pause", "resume", "estop", "clear", "stop"):
+        assert main([order]) == 0
+    assert main(["start", "--name", "lab"]) == 0
+    assert robot.calls == ["pause", "resume", "estop", "clear", "stop", ("start", "lab")]
+    assert capsys.readouterr().out == "0001-run\n0001-lab\n"
+
+
+def test_a_refusal_is_one_line_and_exit_code_1(
+    robot: FakeRobot, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["start", "--name", "again"]) == 1
+    out, err = capsys.readouterr()
+    assert (out, err) == ("", "ins-robot: a run is going on: `ins-robot stop` ends it\n")
+
+
+def test_status_for_people_and_for_programs(
+    robot: FakeRobot, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["status"]) == 0
+    assert capsys.readouterr().out.splitlines() == [
+        "state             exploring",
+        "pose.x_m          1.25",
+        "pose.heading_rad  -",
+    ]
+    assert main(["status", "--json"]) == 0
+    status = json.loads(capsys.readouterr().out)
+    assert status == {"state": "exploring", "pose": {"x_m": 1.25, "heading_rad": None}}
+
+
+def test_runs_are_listed_and_deleted(
+    robot: FakeRobot, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["runs"]) == 0
+    header, first, second = capsys.readouterr().out.splitlines()
+    assert header.split() == ["NAME", "STATE", "DURATION", "PATH", "SCANS", "SIZE"]
+    assert first.split() == ["0001-lab", "complete", "61", "s", "-", "7", "-"]
+    assert second.split()[:2] == ["0002-run", "interrupted"]
+    assert main(["runs", "--json"]) == 0
+    assert [run["name"] for run in json.loads(capsys.readouterr().out)] == [
+        "0001-lab",
+        "0002-run",
+    ]
+    assert main(["runs", "delete", "0001-lab", "0002-run"]) == 0
+    assert robot.calls == [("delete_runs", ["0001-lab", "0002-run"])]
+    assert main(["runs", "delete", "0009-none"]) == 1
+
+
+@pytest.mark.parametrize(
+    ("options", "wanted"),
+    [
+        (["-o", "a"], "png"),
+        (["-o", "a.png"], "png"),
+        (["-o", "a.PGM"], "pgm"),
+        (["-o", "a.yaml"], "yaml"),
+        (["-o", "a.pgm", "--format", "png"], "png"),
+    ],
+)
+def test_map_to_a_file(
+    robot: FakeRobot,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    options: list[str],
+    wanted: str,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["map", *options]) == 0
+    assert Path(options[1]).read_bytes() == MAP[wanted]
+    assert robot.calls == [("map", wanted)]
+    assert not list(tmp_path.glob(".a*"))  # nothing half-written is left
+
+
+def test_map_to_a_pipe_is_the_very_bytes(robot: FakeRobot, config: Path) -> None:
+    command = [sys.executable, "-m", "ins_robot", "map", "--config", str(config)]
+    assert subprocess.run(command, capture_output=True, check=True).stdout == MAP["png"]
+
+
+def test_a_picture_is_not_sent_to_a_terminal(robot: FakeRobot) -> None:
+    terminal, end = pty.openpty()
+    command = [sys.executable, "-m", "ins_robot", "map"]
+    result = subprocess.run(command, stdout=end, stderr=subprocess.PIPE, text=True, check=False)
+    os.close(end)
+    os.close(terminal)
+    assert result.returncode == 1
+    assert result.stderr.startswith("ins-robot: map: a PNG is binary and stdout is a terminal")
+    assert result.stderr.count("\n") == 1
+    assert robot.calls == []
+
+
+def test_a_map_that_cannot_be_written_is_one_clear_error(
+    robot: FakeRobot, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["map", "-o", str(tmp_path / "missing" / "m.png")]) == 1
+    assert "m.png: cannot be written: No such file" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("command", CLIENT_COMMANDS, ids=lambda command: command[0])
+def test_without_a_daemon_every_client_command_says_so(
+    config: Path, tmp_path: Path, command: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([*command, "--config", str(config)]) == 1
+    assert capsys.readouterr().err == (
+        f"ins-robot: no daemon answers at {tmp_path}/s: is it running? "
+        "systemctl status ins-robot\n"
+    )
+
+
+def test_a_socket_nobody_listens_on_any_more_counts_as_no_daemon(tmp_path: Path) -> None:
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as dead:
+        dead.bind(str(tmp_path / "s"))
+    with pytest.raises(StateError, match="no daemon answers"):
+        ask(tmp_path / "s", Request(command="status"))
+
+
+@pytest.mark.parametrize(
+    ("reply", "message"),
+    [
+        (b"", "hung up"),
+        (b'{"v":1,"ok":true,"resu', "hung up"),
+        (b"HTTP/1.1 400 Bad Request\n", "not a line of JSON"),
+        (b'{"v":2,"ok":true,"result":1}\n', "different releases"),
+        (b'{"v":1,"ok":false,"error":{"kind":"InputError","message":"no"}}\n', "no"),
+        (b'{"v":1,"ok":false,"error":{"kind":"SystemExit","message":"eh"}}\n', "eh"),
+    ],
+)
+def test_a_strange_answer_is_one_clear_error(
+    tmp_path: Path, reply: bytes, message: str
+) -> None:
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as listener:
+        listener.bind(str(tmp_path / "s"))
+        listener.listen()
+
+        def answer() -> None:
+            connection, _ = listener.accept()
+            with connection:
+                connection.recv(1000)
+                connection.sendall(reply)
+
+        thread = threading.Thread(target=answer)
+        thread.start()
+        with pytest.raises((StateError, InputError, ValueError), match=message):
+            ask(tmp_path / "s", Request(command="status"))
+        thread.join()
+
+
+def test_a_daemon_that_hangs_is_given_up_on(tmp_path: Path) -> None:
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as listener:
+        listener.bind(str(tmp_path / "s"))
+        listener.listen()
+        with pytest.raises(StateError, match=r"did not answer 'status' within 0\.1 s"):
+            ask(tmp_path / "s", Request(command="status"), timeout_s=0.1)
+
+
+HEAVY = ("numpy", "scipy", "filterpy", "asyncio", "PIL", "serial")
+
+
+@pytest.mark.parametrize(
+    "command", [["--help"], *CLIENT_COMMANDS], ids=lambda command: command[0]
+)
+def test_client_commands_are_light_and_fast(robot: FakeRobot, command: list[str]) -> None:
+    """Nothing heavy is imported; 0.2 s of processor time is enough from start to end."""
+    script = (
+        "import resource, sys\n"
+        "from ins_robot.cli.main import main\n"
+        "try:\n"
+        "    code = main(sys.argv[1:])\n"
+        "except SystemExit as end:\n"
+        "    code = end.code\n"
+        f"heavy = sorted(set(sys.modules) & {set(HEAVY)!r})\n"
+        "usage = resource.getrusage(resource.RUSAGE_SELF)\n"
+        "sys.stdout.flush()\n"
+        "print(code, usage.ru_utime + usage.ru_stime, *heavy, file=sys.stderr)\n"
+    )
+    best_s = 1e9
+    for _ in range(
+        3
+    ):  # the best of three: other work on the machine makes it slower, never faster
+        result = subprocess.run(
+            [sys.executable, "-c", script, *command], capture_output=True, check=True
+        )
+        code, seconds, *heavy = result.stderr.decode().split()
+        assert (code, heavy) == ("0", [])
+        best_s = min(best_s, float(seconds))
+    assert best_s < 0.2
