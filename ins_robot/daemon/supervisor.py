@@ -181,28 +181,19 @@ class Supervisor:
             try:
                 await function()
             except Exception as error:
-                # Of a bug (not a RobotError) the traceback is worth having; restart either way.
-                is_known = isinstance(error, RobotError)
-                report.last_error = _one_line(error)
                 was_healthy = loop.time() - began_s >= self.backoff.healthy_s
                 failures = 1 if was_healthy else failures + 1
                 delay_s = self.backoff.delay_s(failures)
-                log.warning(
-                    "%s: %s; again in %.2f s (failure %d in a row)",
-                    name,
-                    report.last_error,
-                    delay_s,
-                    failures,
-                    exc_info=None if is_known else error,
-                )
+                _log_failure(name, error, failures, delay_s)
+                report.last_error = _one_line(error)
                 if on_failure is not None:
                     on_failure()
             else:
                 report.state = TaskState.FINISHED
                 return
             report.state = TaskState.WAITING
-            report.restarts += 1
             await asyncio.sleep(delay_s)
+            report.restarts += 1
 
 
 async def outcome_of(work: Awaitable[T], what: str) -> T | RobotError:
@@ -216,6 +207,21 @@ async def outcome_of(work: Awaitable[T], what: str) -> T | RobotError:
         return RobotError(
             f"{what}: internal error in the daemon: {_one_line(error)}; see its log"
         )
+
+
+def _log_failure(name: str, error: Exception, failures: int, delay_s: float) -> None:
+    """Tell of the 1st, 2nd, 4th, 8th ... failure in a row: a device may be missing for days."""
+    if failures & (failures - 1):
+        return
+    log.warning(
+        "%s; task '%s' runs again in %.2f s (failure %d in a row)",
+        _one_line(error),
+        name,
+        delay_s,
+        failures,
+        # Of a bug the traceback is worth having; what is raised on purpose says it all.
+        exc_info=None if isinstance(error, RobotError) else error,
+    )
 
 
 def _one_line(error: BaseException) -> str:
