@@ -1,0 +1,338 @@
+# SPDX-License-Identifier: MIT
+"""The Intelligent Navigation System of the paper, its section 3, step by step.
+
+After each node scan: gaps are told from walls (step 02), neighbours identified (step 03, rules
+A, B, C), the travel-cost map taken from the current node, the cheapest node with an unexplored
+gap chosen and in it the narrowest (or as the strategy says), and the way planned (step 04).
+Scan, pose and map in; `Drive` or `Finished` out. Pure: same calls, same answers.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from ins_robot.config import ExplorationConfig, LrfConfig, RobotConfig
+from ins_robot.errors import StateError
+from ins_robot.geometry.angles import FloatArray
+from ins_robot.geometry.pose2 import Pose2
+from ins_robot.mapping.occupancy_grid import OccupancyGrid
+from ins_robot.messages import LaserScan, PlannedPath
+from ins_robot.navigation.gaps import Gap, GapRules, GapState, find_gaps
+from ins_robot.navigation.guard import Guard, NoGuard, SeenGuard, edges_of_gap, within_radius
+from ins_robot.navigation.neighbours import identify_neighbours
+from ins_robot.navigation.node_graph import Node, NodeGraph
+from ins_robot.navigation.planner import plan_through
+from ins_robot.navigation.strategies import Candidate, Situation, make_strategy
+from ins_robot.navigation.terrain import BodyRules, Terrain, survey_terrain
+from ins_robot.navigation.unseen import BarrenEdges, Unseen, survey_unseen
+from ins_robot.navigation.viewpoint import find_viewpoint
+
+MOVED_SHARE = 0.5  # a scan that leaves more than this share of its edges where they were: in vain
+GAIN_MIN_M2 = 0.03  # a scan that can show less adds nothing
+FAILURES_MAX = 2  # a goal refused this often is given up
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Drive:
+    """Drive along the path, then scan there."""
+
+    path: PlannedPath
+    node_id: int
+    gap_id: int
+    reason: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LeftGap:
+    """A gap that was left, and why."""
+
+    node_id: int
+    gap_id: int
+    centroid_m: tuple[float, float]
+    width_m: float
+    state: str
+    why: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Finished:
+    """Nothing left to drive to; `is_complete` is False when a limit ended it."""
+
+    reason: str
+    left: tuple[LeftGap, ...]
+    is_complete: bool = True
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Aim:
+    """What the last drive was for."""
+
+    drive: Drive
+    node: Node
+    gap: Gap
+    targets_m: FloatArray
+
+
+@dataclass(slots=True, kw_only=True)
+class _Scene:
+    """One decision's view of the world; `targets` holds the gaps worth driving to."""
+
+    grid: OccupancyGrid
+    terrain: Terrain
+    unseen: Unseen
+    targets: dict[int, FloatArray] = field(default_factory=dict)
+
+
+class Explorer:
+    """Nodes, gaps and decisions of one run."""
+
+    def __init__(
+        self, config: ExplorationConfig, robot: RobotConfig, lrf: LrfConfig
+    ) -> None:
+        self.graph = NodeGraph()
+        self._config = config
+        self._base_from_lrf = Pose2(lrf.x_m, lrf.y_m, 0.0)  # the driver has applied the yaw
+        self._body = BodyRules(radius_m=robot.radius_m, clearance_m=config.clearance_m)
+        self._rules = GapRules(
+            gap_range_m=config.gap_range_m,
+            gap_jump_m=config.gap_jump_m,
+            range_trusted_m=lrf.range_trusted_m,
+            robot_width_m=2.0 * robot.radius_m,
+        )
+        self._sector_half_rad = float(np.radians(lrf.sector_deg))
+        self._range_m = lrf.range_max_m
+        self._strategy = make_strategy(config.strategy)
+        self._guard: Guard = SeenGuard() if config.visibility_guard else NoGuard()
+        self._barren = BarrenEdges()
+        self._aim: _Aim | None = None
+        self._scanned_aim: _Aim | None = None
+        self._refused_m: list[FloatArray] = []
+        self._is_new_node = False
+
+    # Steps 01 and 02: a node here; gaps and walls told apart.
+
+    def observe(
+        self,
+        node_id: int,
+        stamp_s: float,
+        pose: Pose2,
+        scan: LaserScan,
+        sector: tuple[float, float],
+    ) -> None:
+        """A scan was taken at `pose` (map_from_base), looking at `sector` (centre, half width)."""
+        before = self.graph.nodes[-1] if self.graph.nodes else None
+        node = Node(
+            index=len(self.graph),
+            id=node_id,
+            stamp_s=stamp_s,
+            pose=pose,
+            sector=sector,
+            bearings_rad=scan.bearings_rad,
+            ranges_m=scan.ranges_m,
+            gaps=find_gaps(scan, self._base_from_lrf, sector, self._rules),
+            came_from=None if before is None else before.index,
+        )
+        if self._aim is not None and before is not None:
+            node.came_by_m = before.pose.inverse().apply(self._aim.drive.path.points_m)
+            if self._aim.gap.is_open:
+                self._aim.gap.set(GapState.EXPLORED, f"scanned from its place by node {node_id}")
+        self.graph.add(node)
+        self._scanned_aim, self._aim = self._aim, None
+        self._is_new_node = True
+
+    def relocate(self, poses: FloatArray) -> None:
+        """SLAM moved the nodes: poses (K, 3) of the K observed nodes, in order of observation."""
+        if len(poses) != len(self.graph):
+            raise StateError(
+                f"relocate: {len(poses)} poses for {len(self.graph)} observed nodes"
+            )
+        for node, pose in zip(self.graph.nodes, poses, strict=True):
+            node.pose = Pose2.from_array(pose)
+
+    # Steps 03 and 04: where next, and how.
+
+    def decide(self, pose: Pose2, grid: OccupancyGrid) -> Drive | Finished:
+        """Where to go from `pose` (map_from_base), given the map so far."""
+        if not self.graph.nodes:
+            raise StateError("explorer: decide() before the first scan; call observe() first")
+        if len(self.graph) >= self._config.max_scans:
+            return self._finished(f"max_scans = {self._config.max_scans} reached", False, None)
+        scene = self._look_around(pose, grid)
+        self._learn_from_last_scan(scene)
+        self._identify_neighbours(scene)
+        self._sort_gaps(scene)
+        while (choice := self._choose(scene)) is not None:
+            drive = self._drive_to(scene, pose, *choice)
+            if drive is not None:
+                return drive
+        return self._finished("no reachable gap is left", True, scene)
+
+    def report_failure(self, decision: Drive, why: str) -> None:
+        """The goal could not be reached: it waits, is tried once more, then given up."""
+        aim, self._aim = self._aim, None
+        if aim is None or aim.drive is not decision:
+            raise StateError("explorer: report_failure() for a goal that is not the last decision")
+        self._refused_m.append(decision.path.points_m[-1])
+        self._barren.strike(aim.targets_m)
+        aim.gap.failures += 1
+        aim.gap.is_deferred = True
+        if aim.gap.failures >= FAILURES_MAX:
+            aim.gap.set(GapState.UNREACHABLE, f"given up after {aim.gap.failures} tries: {why}")
+
+    def as_json(self) -> dict[str, Any]:
+        """`nodes` with their `gaps`, for graph.json."""
+        return self.graph.as_json()
+
+    # The steps, one by one.
+
+    def _look_around(self, pose: Pose2, grid: OccupancyGrid) -> _Scene:
+        """What is unseen, where the robot can go, and what it costs: one wave."""
+        is_allowed = self._allowed(grid)
+        unseen = survey_unseen(grid, self._config.frontier_min_m, self._barren, is_allowed)
+        terrain = survey_terrain(grid, pose, self._body, unseen.is_unseen, is_allowed)
+        return _Scene(grid=grid, terrain=terrain, unseen=unseen)
+
+    def _allowed(self, grid: OccupancyGrid) -> np.ndarray | None:
+        """(H, W) bool: within `exploration.max_radius_m` of the start."""
+        radius_m = self._config.max_radius_m
+        if radius_m <= 0.0:
+            return None
+        height, width = grid.shape
+        cells = np.stack(np.indices((height, width)), axis=-1).reshape(-1, 2)
+        start = self.graph.nodes[0].pose
+        return within_radius(start, radius_m, grid.metres(cells)).reshape(height, width)
+
+    def _learn_from_last_scan(self, scene: _Scene) -> None:
+        """Edges that a scan aimed at them did not move count as tried."""
+        aim, self._scanned_aim = self._scanned_aim, None
+        if aim is None or len(aim.targets_m) == 0 or len(scene.unseen.points_m) == 0:
+            return
+        reach = 1.5 * scene.grid.resolution_m
+        away = aim.targets_m[:, None] - scene.unseen.points_m[None]
+        still = (np.abs(away).max(axis=-1) <= reach).any(axis=1)
+        if still.mean() > MOVED_SHARE:
+            self._barren.strike(aim.targets_m[still])
+
+    def _identify_neighbours(self, scene: _Scene) -> None:
+        """Rules A, B and C between the newest node and all others."""
+        if not self._is_new_node:
+            return
+        self._is_new_node = False
+        has_guard = self._config.visibility_guard
+        identify_neighbours(
+            self.graph,
+            self.graph.nodes[-1],
+            neighbour_range_m=self._config.neighbour_range_m,
+            robot_width_m=self._rules.robot_width_m,
+            terrain=scene.terrain,
+            is_seen=(lambda n, g: self._guard.is_seen(scene.unseen, self.graph, n, g))
+            if has_guard
+            else None,
+        )
+
+    def _sort_gaps(self, scene: _Scene) -> None:
+        """Close the gaps the guard calls explored; note what the others should show."""
+        radius_m, start = self._config.max_radius_m, self.graph.nodes[0].pose
+        for node, gap in self.graph.gaps():
+            if gap.state is GapState.UNREACHABLE and gap.failures < FAILURES_MAX:
+                gap.set(GapState.UNEXPLORED, "")
+            if gap.state not in (GapState.UNEXPLORED, GapState.TOO_NARROW):
+                continue
+            if not within_radius(start, radius_m, node.centroid_m(gap)[None])[0]:
+                gap.set(GapState.UNREACHABLE, f"outside exploration.max_radius_m = {radius_m:g}")
+            elif self._guard.is_seen(scene.unseen, self.graph, node, gap):
+                gap.set(GapState.EXPLORED, gap.why or "nothing unseen shows from it")
+            elif gap.is_open:
+                scene.targets[id(gap)] = self._guard.targets_m(scene.unseen, node, gap)
+
+    def _choose(self, scene: _Scene) -> Candidate | None:
+        """The strategy's gap; edges of the map once no gap is left; what was refused at last."""
+        candidates = self._candidates(scene)
+        if not candidates and self._adopt_edges(scene):
+            candidates = self._candidates(scene)
+        if not candidates:
+            for _, gap in self.graph.gaps():
+                gap.is_deferred = False
+            candidates = self._candidates(scene)
+        current = self.graph.nodes[-1].index
+        return self._strategy.choose(
+            Situation(
+                graph=self.graph,
+                current=current,
+                costs_m=self.graph.costs_from(current),
+                candidates=candidates,
+            )
+        )
+
+    def _candidates(self, scene: _Scene) -> list[Candidate]:
+        return [
+            (node, gap)
+            for node, gap in self.graph.gaps()
+            if gap.is_open and not gap.is_deferred and id(gap) in scene.targets
+        ]
+
+    def _adopt_edges(self, scene: _Scene) -> bool:
+        """Edges of the seen part that no gap leads to become gaps of the nearest node."""
+        led_to: set[int] = set()
+        for node, gap in self.graph.gaps():
+            if gap.is_open or gap.state is GapState.UNREACHABLE:
+                index = edges_of_gap(scene.unseen, node, gap)
+                led_to.update(scene.unseen.edge_of[index].tolist())
+        if not self._guard.adopt_edges(scene.unseen, self.graph, led_to):
+            return False
+        self._sort_gaps(scene)
+        return True
+
+    def _drive_to(self, scene: _Scene, pose: Pose2, node: Node, gap: Gap) -> Drive | None:
+        """The way to the gap's viewpoint; None, and the gap says why, when there is none."""
+        targets = scene.targets[id(gap)]
+        used = np.array([*self.graph.positions_m(), *self._refused_m])
+        view = find_viewpoint(
+            scene.terrain, scene.unseen.is_occupied, node.centroid_m(gap), node.outward(gap),
+            targets, used,
+        )
+        if view is None:
+            gap.set(GapState.UNREACHABLE, "no reachable place looks into it")
+            return None
+        if self._config.visibility_guard:
+            gain = scene.unseen.gain_cells(
+                view.cell, view.heading_rad, self._sector_half_rad, self._range_m
+            )
+            if gain * scene.grid.resolution_m**2 < GAIN_MIN_M2:
+                self._barren.strike(targets, FAILURES_MAX)
+                gap.set(GapState.EXPLORED, "adds nothing: a scan would show nothing new")
+                return None
+        costs = self.graph.costs_from(len(self.graph) - 1)
+        situation = Situation(
+            graph=self.graph, current=len(self.graph) - 1, costs_m=costs, candidates=[(node, gap)]
+        )
+        via = [self.graph.nodes[i] for i in self._strategy.retraces(situation, node)]
+        path = plan_through(scene.terrain, pose, via, view.cell, view.heading_rad)
+        drive = Drive(
+            path=path,
+            node_id=node.id,
+            gap_id=gap.id,
+            reason=f"{self._strategy.name}: {gap.kind} {gap.id} of node {node.id}, "
+            f"{gap.width_m:.2f} m wide, {path.length_m:.1f} m to drive",
+        )
+        self._aim = _Aim(drive=drive, node=node, gap=gap, targets_m=targets)
+        return drive
+
+    def _finished(self, reason: str, is_complete: bool, scene: _Scene | None) -> Finished:
+        left = tuple(
+            LeftGap(
+                node_id=node.id,
+                gap_id=gap.id,
+                centroid_m=(float(node.centroid_m(gap)[0]), float(node.centroid_m(gap)[1])),
+                width_m=gap.width_m,
+                state=str(gap.state),
+                why=gap.why,
+            )
+            for node, gap in self.graph.gaps()
+            if gap.state is not GapState.EXPLORED
+        )
+        return Finished(reason=reason, left=left, is_complete=is_complete)
+

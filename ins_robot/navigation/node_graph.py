@@ -1,0 +1,173 @@
+# SPDX-License-Identifier: MIT
+"""The nodes (where scans were taken), their gaps, and which node can be driven to from which.
+
+Two nodes that can be travelled between are neighbours; the edge costs what the way costs. From
+any node Dijkstra's algorithm gives the travel-cost map to all others (the paper's steps 03, 04).
+`as_json` is what a run's graph.json holds.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import dijkstra
+
+from ins_robot.errors import StateError
+from ins_robot.geometry.angles import FloatArray, wrap_rad
+from ins_robot.geometry.pose2 import Pose2
+from ins_robot.navigation.gaps import Gap
+
+EDGE_COST_MIN_M = 1e-6  # a stored zero would read as "no edge"
+
+
+@dataclass(slots=True, kw_only=True)
+class Node:
+    """One place where a scan was taken.
+
+    Attributes
+    ----------
+    index : int
+        Place in the order of traversal; `id` is the caller's name for it.
+    pose : Pose2
+        map_from_base; changes when SLAM moves the node.
+    sector : (centre_rad, half_width_rad)
+        What the scan looked at, about the base's x axis.
+    bearings_rad, ranges_m : (B,) float64
+        The scan, in the base's directions; NaN where nothing was read.
+    came_from : int | None
+        Index of the node the robot drove from.
+    came_by_m : (N, 2) float64
+        The way driven, in the frame of `came_from`; empty when not known.
+    neighbours : dict
+        Index of each neighbour, and the cost of the way there in metres.
+    """
+
+    index: int
+    id: int
+    stamp_s: float
+    pose: Pose2
+    sector: tuple[float, float]
+    bearings_rad: FloatArray
+    ranges_m: FloatArray
+    gaps: list[Gap]
+    came_from: int | None = None
+    came_by_m: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
+    neighbours: dict[int, float] = field(default_factory=dict)
+
+    @property
+    def position_m(self) -> FloatArray:
+        """(2,) in the map frame."""
+        return np.array([self.pose.x_m, self.pose.y_m])
+
+    def centroid_m(self, gap: Gap) -> FloatArray:
+        """(2,) centroid of one of its gaps, map frame."""
+        return self.pose.apply(gap.centroid_m[None])[0]
+
+    def ends_m(self, gap: Gap) -> FloatArray:
+        """(2, 2) ends of one of its gaps, map frame."""
+        return self.pose.apply(gap.ends_m)
+
+    def outward(self, gap: Gap) -> FloatArray:
+        """(2,) direction through one of its gaps, map frame."""
+        return Pose2(0.0, 0.0, self.pose.heading_rad).apply(gap.outward[None])[0]
+
+    def range_towards_m(self, point_m: FloatArray) -> float:
+        """What the scan read towards a point of the map; NaN where it did not look."""
+        dx, dy = self.pose.inverse().apply(np.asarray(point_m)[None])[0]
+        bearing = math.atan2(dy, dx)
+        if len(self.bearings_rad) == 0:
+            return math.nan
+        off = np.abs(wrap_rad(self.bearings_rad - bearing))
+        nearest = int(off.argmin())
+        return float(self.ranges_m[nearest]) if off[nearest] < math.radians(3.0) else math.nan
+
+
+class NodeGraph:
+    """Nodes in the order of traversal."""
+
+    def __init__(self) -> None:
+        self.nodes: list[Node] = []
+
+    def __len__(self) -> int:
+        return len(self.nodes)
+
+    def add(self, node: Node) -> None:
+        """Append a node; its index must be the next one."""
+        if node.index != len(self.nodes):
+            raise StateError(f"node {node.id}: index {node.index}, next is {len(self.nodes)}")
+        self.nodes.append(node)
+
+    def link(self, a: int, b: int, cost_m: float) -> None:
+        """Make two nodes neighbours; the cheaper of two known ways counts."""
+        cost_m = max(cost_m, EDGE_COST_MIN_M)
+        self.nodes[a].neighbours[b] = min(cost_m, self.nodes[a].neighbours.get(b, math.inf))
+        self.nodes[b].neighbours[a] = self.nodes[a].neighbours[b]
+
+    def positions_m(self) -> FloatArray:
+        """(K, 2) map frame."""
+        return np.array([[n.pose.x_m, n.pose.y_m] for n in self.nodes]).reshape(-1, 2)
+
+    def costs_from(self, index: int) -> FloatArray:
+        """(K,) travel cost from one node to every node, through neighbours; inf where no way is."""
+        return self._dijkstra(index)[0]
+
+    def way(self, start: int, goal: int) -> list[int]:
+        """Nodes of the cheapest way, both ends included; empty when there is none."""
+        costs, before = self._dijkstra(start)
+        if not math.isfinite(costs[goal]):
+            return []
+        nodes = [goal]
+        while nodes[-1] != start:
+            nodes.append(int(before[nodes[-1]]))
+        return nodes[::-1]
+
+    def _dijkstra(self, index: int) -> tuple[FloatArray, np.ndarray]:
+        edges = [
+            (node.index, other, cost)
+            for node in self.nodes
+            for other, cost in node.neighbours.items()
+        ]
+        count = len(self.nodes)
+        rows, cols, costs = zip(*edges, strict=True) if edges else ((), (), ())
+        matrix = csr_matrix((costs, (rows, cols)), shape=(count, count))
+        distance, before = dijkstra(matrix, indices=index, return_predecessors=True)
+        return distance, before
+
+    def gaps(self) -> Iterator[tuple[Node, Gap]]:
+        """Every gap with its node."""
+        for node in self.nodes:
+            for gap in node.gaps:
+                yield node, gap
+
+    def as_json(self) -> dict[str, Any]:
+        """JSON values only: `nodes`, each with `neighbours` (ids) and `gaps`, map frame."""
+        return {"nodes": [self._node_json(node) for node in self.nodes]}
+
+    def _node_json(self, node: Node) -> dict[str, Any]:
+        centre, half = node.sector
+        return {
+            "id": node.id,
+            "stamp_s": node.stamp_s,
+            "x_m": node.pose.x_m,
+            "y_m": node.pose.y_m,
+            "heading_rad": node.pose.heading_rad,
+            "sector": [centre - half, centre + half],
+            "neighbours": [self.nodes[i].id for i in sorted(node.neighbours)],
+            "gaps": [
+                {
+                    "id": gap.id,
+                    "kind": str(gap.kind),
+                    "centroid": [float(v) for v in node.centroid_m(gap)],
+                    "ends": [[float(v) for v in end] for end in node.ends_m(gap)],
+                    "width_m": gap.width_m,
+                    "state": str(gap.state),
+                    "why": gap.why,
+                }
+                for gap in node.gaps
+            ],
+        }

@@ -1,0 +1,217 @@
+# SPDX-License-Identifier: MIT
+"""Where the robot can drive, and what it costs to get there: one wave for a whole decision.
+
+Drivable is what is known to be free, far enough from walls for the body, and not so near to
+unseen cells that the body would reach into them. The way costs more near walls, so that it
+keeps clear of them where there is room, and much more below the preferred clearance, so that a
+narrow door is taken only where it is needed. One Dijkstra wave from the robot prices every cell.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import dijkstra
+
+from ins_robot.geometry.angles import FloatArray
+from ins_robot.geometry.pose2 import Pose2
+from ins_robot.mapping.occupancy_grid import OccupancyGrid
+
+BoolArray = NDArray[np.bool_]
+IndexArray = NDArray[np.int64]
+
+MARGIN_CELLS = 1.0 / 3.0  # least clearance: covers the corners of cells the way runs between
+EASE_M = 0.25  # beyond the preferred clearance the cost still falls over this length
+EASE_WEIGHT = 1.0  # a cell at the preferred clearance costs this much more than open ground
+TIGHT_FACTOR = 3.0  # below the preferred clearance ground costs this many times as much
+ESCAPE_FACTOR = 8.0  # ground inside fresh inflation, open only around the robot
+ESCAPE_M = 0.15  # how far past its own radius the robot may have to escape
+STEPS = ((0, 1, 1.0), (1, 0, 1.0), (1, 1, math.sqrt(2.0)), (1, -1, math.sqrt(2.0)))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BodyRules:
+    """What the body needs."""
+
+    radius_m: float
+    clearance_m: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Terrain:
+    """One decision's view of the ground.
+
+    Attributes
+    ----------
+    start_cell : (row, col)
+        The robot's.
+    clearance_m : (H, W) float64
+        From a cell's centre to the nearest face of an occupied cell.
+    factor : (H, W) float64
+        Cost per metre; inf where the robot must not be.
+    cost_m : (H, W) float64
+        Of the cheapest way from the robot; inf where there is none.
+    before : (H, W) int64
+        Flat index of the cell before, on that way; negative at the start and where none is.
+    """
+
+    grid: OccupancyGrid
+    body: BodyRules
+    start_cell: tuple[int, int]
+    clearance_m: FloatArray
+    factor: FloatArray
+    cost_m: FloatArray
+    before: IndexArray
+
+    @property
+    def is_reachable(self) -> BoolArray:
+        """(H, W) bool."""
+        return np.isfinite(self.cost_m)
+
+    def seen_from(self, place: Pose2) -> Terrain:
+        """The same ground, priced from another place."""
+        row, col = self.grid.cells(np.array([place.x_m, place.y_m]))
+        start = (int(row), int(col))
+        factor = self.factor.copy()
+        _open_escape(factor, self.grid, self.clearance_m, self.body, start)
+        cost, before = _wave(factor, start, self.grid.resolution_m)
+        return replace(self, start_cell=start, factor=factor, cost_m=cost, before=before)
+
+    def cost_near_m(self, points_m: FloatArray, reach_cells: int = 3) -> FloatArray:
+        """(N,) cheapest cost within a few cells of points (N, 2); inf where none is."""
+        cells = self.grid.cells(points_m)
+        offsets = np.arange(-reach_cells, reach_cells + 1)
+        rows = cells[:, 0, None, None] + offsets[:, None]
+        cols = cells[:, 1, None, None] + offsets[None, :]
+        height, width = self.cost_m.shape
+        inside = (rows >= 0) & (cols >= 0) & (rows < height) & (cols < width)
+        rows, cols = np.clip(rows, 0, height - 1), np.clip(cols, 0, width - 1)
+        costs = np.where(inside, self.cost_m[rows, cols], np.inf)
+        return np.asarray(costs.min(axis=(1, 2)))
+
+    def way_to(self, cell: tuple[int, int]) -> IndexArray:
+        """(N, 2) cells of the cheapest way from the robot to a reachable cell."""
+        width = self.cost_m.shape[1]
+        flat = [cell[0] * width + cell[1]]
+        before = self.before.reshape(-1)
+        while (previous := int(before[flat[-1]])) >= 0:
+            flat.append(previous)
+        return np.stack(np.divmod(np.array(flat[::-1]), width), axis=-1)
+
+
+def survey_terrain(
+    grid: OccupancyGrid,
+    pose: Pose2,
+    body: BodyRules,
+    is_unseen: BoolArray,
+    is_allowed: BoolArray | None = None,
+) -> Terrain:
+    """Price the ground as seen from a pose.
+
+    Parameters
+    ----------
+    is_unseen : (H, W) bool
+        Cells the body must not reach into.
+    is_allowed : (H, W) bool, optional
+        Where the robot's centre may be at all.
+    """
+    row, col = grid.cells(np.array([pose.x_m, pose.y_m]))
+    start = (int(row), int(col))
+    clearance = grid.distance_m() - 0.5 * grid.resolution_m
+    factor = _ground_factors(grid, clearance, body, is_unseen)
+    if is_allowed is not None:
+        factor[~is_allowed] = np.inf
+    _open_escape(factor, grid, clearance, body, start)
+    cost, before = _wave(factor, start, grid.resolution_m)
+    return Terrain(
+        grid=grid, body=body, start_cell=start, clearance_m=clearance, factor=factor,
+        cost_m=cost, before=before,
+    )
+
+
+def _ground_factors(
+    grid: OccupancyGrid, clearance: FloatArray, body: BodyRules, is_unseen: BoolArray
+) -> FloatArray:
+    """(H, W) cost per metre of known free ground."""
+    needed = body.radius_m + MARGIN_CELLS * grid.resolution_m
+    preferred = max(needed, body.radius_m + body.clearance_m)
+    lack = np.clip((preferred + EASE_M - clearance) / EASE_M, 0.0, 1.0)
+    factor = 1.0 + EASE_WEIGHT * lack * lack
+    factor[clearance < preferred] *= TIGHT_FACTOR
+    is_open = grid.is_free & (clearance >= needed)
+    if is_unseen.any():
+        unseen_m = distance_transform_edt(~is_unseen, sampling=grid.resolution_m)
+        is_open &= unseen_m - 0.5 * grid.resolution_m >= body.radius_m
+    factor[~is_open] = np.inf
+    return factor
+
+
+def _open_escape(
+    factor: FloatArray,
+    grid: OccupancyGrid,
+    clearance: FloatArray,
+    body: BodyRules,
+    start: tuple[int, int],
+) -> None:
+    """Let the robot out when its own cell lies in what the last scan showed to be too near.
+
+    Opens, around the robot only, known free cells that are no nearer to a wall than the robot
+    is now; the robot's own cell always.
+    """
+    row, col = start
+    height, width = factor.shape
+    if not (0 <= row < height and 0 <= col < width) or math.isfinite(factor[row, col]):
+        return
+    reach = math.ceil((body.radius_m + ESCAPE_M) / grid.resolution_m)
+    rows = slice(max(row - reach, 0), row + reach + 1)
+    cols = slice(max(col - reach, 0), col + reach + 1)
+    r, c = np.ogrid[rows, cols]
+    r, c = r[: factor[rows, cols].shape[0]], c[:, : factor[rows, cols].shape[1]]
+    disc = (r - row) ** 2 + (c - col) ** 2 <= reach * reach
+    room = min(body.radius_m, float(clearance[row, col])) - 0.5 * grid.resolution_m
+    opened = disc & grid.is_free[rows, cols] & (clearance[rows, cols] >= room)
+    opened &= ~np.isfinite(factor[rows, cols])
+    factor[rows, cols][opened] = ESCAPE_FACTOR
+    factor[row, col] = ESCAPE_FACTOR
+
+
+def _wave(
+    factor: FloatArray, start: tuple[int, int], resolution_m: float
+) -> tuple[FloatArray, IndexArray]:
+    """Cheapest cost to every cell and the cell before it; 8-connected, no corner cut."""
+    height, width = factor.shape
+    is_open = np.isfinite(factor)
+    cost = np.full((height, width), np.inf)
+    before = np.full((height, width), -1, np.int64)
+    if not (0 <= start[0] < height and 0 <= start[1] < width) or not is_open[start]:
+        return cost, before
+    flat = np.flatnonzero(is_open)
+    number = np.full(height * width, -1, np.int32)
+    number[flat] = np.arange(len(flat), dtype=np.int32)
+    number = number.reshape(height, width)
+    rows, cols, weights = [], [], []
+    for down, right, length in STEPS:
+        here = (slice(0, height - down), slice(max(0, -right), width - max(0, right)))
+        there = (slice(down, height), slice(max(0, right), width + min(0, right)))
+        ok = is_open[here] & is_open[there]
+        if right and down:  # both cells beside a diagonal step must be open
+            ok &= is_open[here[0], there[1]] & is_open[there[0], here[1]]
+        rows.append(number[here][ok])
+        cols.append(number[there][ok])
+        weights.append((0.5 * length * resolution_m) * (factor[here][ok] + factor[there][ok]))
+    graph = csr_matrix(
+        (np.concatenate(weights), (np.concatenate(rows), np.concatenate(cols))),
+        shape=(len(flat), len(flat)),
+    )
+    distance, previous = dijkstra(
+        graph, directed=False, indices=int(number[start]), return_predecessors=True
+    )
+    cost.reshape(-1)[flat] = distance
+    has_one = previous >= 0
+    before.reshape(-1)[flat[has_one]] = flat[previous[has_one]]
+    return cost, before

@@ -1,0 +1,147 @@
+# SPDX-License-Identifier: MIT
+"""The place to scan a gap from: reachable, near the gap's centroid, and with a view of what is new.
+
+Standing in the opening is best. Where the body does not fit, or must not reach into unseen
+ground, the nearest reachable place that looks in will do. Never right at a wall if there is
+room, and not where a scan was taken already if there is another place.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ins_robot.geometry.angles import FloatArray
+from ins_robot.mapping.ray_cast import cast_rays, cells_on_rays
+from ins_robot.navigation.sight import sees
+from ins_robot.navigation.terrain import Terrain
+
+NEAR_M = 1.2  # from the centroid, where the place is looked for first
+PEEK_M = 4.0  # how far away a place may be that only looks in
+PEEK_RAYS = 120
+TARGETS = 8  # edge cells a place is judged by
+PLACES = 120  # places tried, best first
+WALL_WEIGHT = 2.0  # metres of distance that a metre of missing room to a wall is worth
+ROOM_M = 0.15  # room beyond the preferred clearance that is worth going for
+USED_M = 0.2  # nearer than this to an earlier scan is the same place
+USED_PENALTY_M = 1.0
+COST_WEIGHT = 0.05  # metres of distance that a metre of way is worth
+LOOK_MIN_M = 0.1  # nearer than this a direction says nothing
+
+BoolArray = NDArray[np.bool_]
+Cell = tuple[int, int]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Viewpoint:
+    """Where to scan, and facing what."""
+
+    cell: Cell
+    heading_rad: float
+
+
+def find_viewpoint(
+    terrain: Terrain,
+    is_occupied: BoolArray,
+    centroid_m: FloatArray,
+    outward: FloatArray,
+    targets_m: FloatArray,
+    used_m: FloatArray,
+) -> Viewpoint | None:
+    """The best place for a gap, None when no reachable place looks in.
+
+    Parameters
+    ----------
+    centroid_m, outward : (2,) float64
+        Of the gap, map frame.
+    targets_m : (T, 2) float64
+        What the scan should show, T >= 1.
+    used_m : (U, 2) float64
+        Where scans were taken (or goals given up) already.
+    """
+    if len(targets_m) > TARGETS:
+        targets_m = targets_m[np.linspace(0, len(targets_m) - 1, TARGETS).astype(np.int64)]
+    places = _places_around(terrain, centroid_m)
+    cell = _best(terrain, is_occupied, places, centroid_m, targets_m, used_m)
+    if cell is None:
+        for target in targets_m[:: max(1, len(targets_m) // 3)]:
+            places = _places_in_view(terrain, target)
+            cell = _best(terrain, is_occupied, places, target, targets_m, used_m)
+            if cell is not None:
+                break
+    if cell is None:
+        return None
+    return Viewpoint(cell=cell, heading_rad=_facing(terrain, cell, targets_m, outward))
+
+
+def _places_around(terrain: Terrain, point_m: FloatArray) -> NDArray[np.int64]:
+    """(N, 2) reachable cells within NEAR_M of a point."""
+    row, col = terrain.grid.cells(point_m)
+    reach = math.ceil(NEAR_M / terrain.grid.resolution_m)
+    first = np.array([max(int(row) - reach, 0), max(int(col) - reach, 0)])
+    window = terrain.cost_m[
+        first[0] : max(int(row) + reach + 1, 0), first[1] : max(int(col) + reach + 1, 0)
+    ]
+    cells = np.argwhere(np.isfinite(window)) + first
+    away = np.hypot(*(terrain.grid.metres(cells) - point_m).T)
+    return np.asarray(cells[away <= NEAR_M])
+
+
+def _places_in_view(terrain: Terrain, target_m: FloatArray) -> NDArray[np.int64]:
+    """(N, 2) reachable cells that see a point over known free ground."""
+    grid = terrain.grid
+    is_free = grid.is_free
+    start = (np.asarray(target_m) - np.array(grid.origin_m))[::-1][None] / grid.resolution_m
+    bearings = np.linspace(-math.pi, math.pi, PEEK_RAYS, endpoint=False)
+    reach = PEEK_M / grid.resolution_m
+    distance = np.minimum(cast_rays(~is_free, start, bearings, reach), reach)
+    flat, _ = cells_on_rays(is_free.shape, start, bearings, distance)
+    flat = np.unique(flat)
+    flat = flat[np.isfinite(terrain.cost_m.reshape(-1)[flat])]
+    return np.stack(np.divmod(flat, is_free.shape[1]), axis=-1)
+
+
+def _best(
+    terrain: Terrain,
+    is_occupied: BoolArray,
+    places: NDArray[np.int64],
+    anchor_m: FloatArray,
+    targets_m: FloatArray,
+    used_m: FloatArray,
+) -> Cell | None:
+    """Of the places that see about as many targets as any, the one nearest to the anchor."""
+    if len(places) == 0:
+        return None
+    points = terrain.grid.metres(places)
+    at = places[:, 0], places[:, 1]
+    wanted = terrain.body.radius_m + terrain.body.clearance_m + ROOM_M
+    score = np.hypot(*(points - anchor_m).T)
+    score += WALL_WEIGHT * np.clip(wanted - terrain.clearance_m[at], 0.0, None)
+    score += COST_WEIGHT * terrain.cost_m[at]
+    if len(used_m):
+        near = np.hypot(*(points[:, None] - used_m[None]).transpose(2, 0, 1)).min(axis=1)
+        score += USED_PENALTY_M * (near < USED_M)
+    order = np.argsort(score, kind="stable")
+    if len(order) > PLACES:  # the best third, and the rest drawn evenly
+        first = PLACES // 3
+        rest = np.linspace(first, len(order) - 1, PLACES - first).astype(np.int64)
+        order = np.concatenate([order[:first], order[rest]])
+    targets = (targets_m - np.array(terrain.grid.origin_m))[:, ::-1] / terrain.grid.resolution_m
+    seen = sees(is_occupied, places[order] + 0.5, targets).sum(axis=1)
+    if seen.max() == 0:
+        return None
+    chosen = order[int(np.flatnonzero(2 * seen >= seen.max())[0])]
+    return int(places[chosen, 0]), int(places[chosen, 1])
+
+
+def _facing(
+    terrain: Terrain, cell: Cell, targets_m: FloatArray, outward: FloatArray
+) -> float:
+    """Towards the middle of the targets; through the gap when standing on it."""
+    ahead = targets_m.mean(axis=0) - terrain.grid.metres(np.array(cell))
+    if math.hypot(*ahead) < LOOK_MIN_M:
+        ahead = outward
+    return math.atan2(ahead[1], ahead[0])
