@@ -148,7 +148,8 @@ class Mission:
         except TimeoutError:
             raise DeviceError(
                 f"no steady gyro and wheel readings within {CALIBRATION_TIMEOUT_S:.0f} s of "
-                "the start: is the robot being moved, or a device missing? see `ins-robot status`"
+                "the start: is the robot being moved, or a device missing? "
+                "see `ins-robot status`"
             ) from None
 
     async def _scan_here(self) -> Decision:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Replay of our own recordings: the journal's messages through the same core, once more.
 
-With the recorded configuration the result is the run's, bit for bit: odometry, SLAM, exploration
+With the recorded configuration the result is the run's, bit for bit: odometry, SLAM, choices
 and every random draw depend on nothing but what the journal holds, in its order. With other
 options it is what the run would have been, had the robot gone where it went.
 """

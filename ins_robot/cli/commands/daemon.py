@@ -48,7 +48,9 @@ async def _serve(config) -> None:  # type: ignore[no-untyped-def]
     notifier = SystemdNotifier.from_environment()
     robot = Robot(config, SystemConnector(), notifier=notifier)
     store = RunStore(
-        Path(config.daemon.runs), config.daemon.keep_runs, config.daemon.keep_free_mb
+        Path(config.daemon.runs),
+        keep_runs=config.daemon.keep_runs,
+        keep_free_mb=config.daemon.keep_free_mb,
     )
     socket = ControlSocket(Path(config.daemon.socket), DaemonCommands(robot, store))
     await socket.open()

@@ -51,14 +51,15 @@ def run(args: argparse.Namespace) -> int:
     """Serve the devices until SIGTERM or SIGINT."""
     import asyncio
     import tempfile
+    import time
 
     from ins_robot.simulation.harness import SimulatedRobot
-    from ins_robot.simulation.world import open_world
+    from ins_robot.simulation.world import World
 
     config = load_config(args)
-    world = open_world(args.world)
+    world = World.find(args.world)
     start = world.start_pose(parse_start(args.start), config.robot.radius_m)
-    simulated = SimulatedRobot(config, world, start, args.seed)
+    simulated = SimulatedRobot(config, world, start, args.seed, time.monotonic())
     # Short: the path of a Unix socket may have no more than 107 bytes.
     with tempfile.TemporaryDirectory(prefix="ins-robot-") as lines:
         asyncio.run(
@@ -97,10 +98,12 @@ async def _serve(simulated: SimulatedRobot, config: Config, config_out: Path) ->
         loop.add_signal_handler(number, ended.set)
     lrf = PtyWire(simulated.lrf, Path(config.lrf.port))
     motors = PtyWire(simulated.motors, Path(config.wheels.port))
-    imu = I2cSocketServer(Path(config.imu.bus.removeprefix("unix:")), simulated.registers)
+    imu = I2cSocketServer(
+        simulated.registers, Path(config.imu.bus.removeprefix("unix:")), loop.time
+    )
     await lrf.open()
     await motors.open()
-    await imu.open()
+    await imu.start()
     write_atomically(config_out, to_toml(config).encode())
     print(f"lrf {config.lrf.port}  motors {config.wheels.port}  imu {config.imu.bus}")
     print(f"ready: INS_ROBOT_CONFIG={config_out} ins-robot daemon", flush=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -50,13 +51,13 @@ def run(args: argparse.Namespace) -> int:
     from ins_robot.daemon.logging_setup import set_up
     from ins_robot.logs.run_directory import prepare_directory
     from ins_robot.simulation.virtual_clock import run_virtual
-    from ins_robot.simulation.world import open_world
+    from ins_robot.simulation.world import World
 
     if args.seed < 0:
         raise InputError(f"--seed {args.seed}: must be 0 or more")
     config = load_config(args)
     config = replace(config, slam=replace(config.slam, seed=args.seed))
-    world = open_world(args.world)
+    world = World.find(args.world)
     start = world.start_pose(parse_start(args.start), config.robot.radius_m)
     prepare_directory(args.out)
     set_up("warning")
@@ -113,8 +114,10 @@ async def _direct(robot: Any, directory: Path) -> None:
     robot.supervisor.shut_down("the run is over")
 
 
-def parse_start(text: str | None) -> tuple[float, ...] | None:
-    """`X,Y` or `X,Y,DEG` as numbers; None for none."""
+def parse_start(text: str | None) -> Pose2 | None:
+    """`X,Y` or `X,Y,DEG` as a pose; None for none."""
+    from ins_robot.geometry.pose2 import Pose2
+
     if text is None:
         return None
     try:
@@ -123,7 +126,7 @@ def parse_start(text: str | None) -> tuple[float, ...] | None:
         values = ()
     if len(values) not in (XY, XYDEG) or not all(abs(v) < float("inf") for v in values):
         raise InputError(f"--start {text}: expected X,Y or X,Y,DEG in metres and degrees")
-    return values
+    return Pose2(values[0], values[1], math.radians(values[2]) if len(values) == XYDEG else 0.0)
 
 
 def describe(summary: dict[str, Any], directory: Path) -> str:
