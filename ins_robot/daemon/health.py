@@ -77,6 +77,10 @@ class Health:
     counters: dict[str, int] = field(default_factory=dict)
     _rolled_s: float | None = None
 
+    def expect(self, name: str, stale_after_s: float | None) -> None:
+        """How long the stream "lrf", "imu" or "wheels" may be silent; None: for ever."""
+        self.streams[name].stale_after_s = stale_after_s
+
     def count(self, name: str, amount: int = 1) -> None:
         """Count an event, such as a verdict or a dropped scan."""
         self.counters[name] = self.counters.get(name, 0) + amount

@@ -145,11 +145,13 @@ class Supervisor:
         return {name: report.as_dict() for name, report in self.reports.items()}
 
     def _add(self, name: str, function: TaskFunction) -> None:
-        if name in self.reports:
+        before = self.reports.get(name)
+        if before is not None and before.state is not TaskState.FINISHED:
             raise StateError(f"supervisor: a task named '{name}' is already there")
         self.reports[name] = TaskReport()
-        self._functions.append((name, function))
-        if self._group is not None:
+        if self._group is None:
+            self._functions.append((name, function))
+        else:
             self._start(name, function)
 
     def _start(self, name: str, function: TaskFunction) -> None:

@@ -38,6 +38,8 @@ def test_silence_becomes_staleness() -> None:
     health.imu.received(11.0)
     assert health.stale(11.2) == ["wheels"]
     assert "STALE: wheels" in health.line(11.2)
+    health.expect("wheels", 5.0)
+    assert health.stale(15.0) == ["imu"]
     assert health.stale(1000.0) == ["imu", "wheels"]  # the LRF rests between scans: never stale
 
 

@@ -179,20 +179,26 @@ def test_shutting_down_ends_every_task_with_its_clean_up_and_keeps_the_first_rea
     assert supervisor.shutdown_reason == "SIGTERM"
 
 
-def test_a_task_added_while_running_is_run_and_names_are_unique() -> None:
+def test_a_task_may_be_added_while_running_and_its_name_used_again_when_it_has_finished() -> (
+    None
+):
     supervisor, ran = Supervisor(), []
 
     async def late() -> None:
         ran.append(asyncio.current_task().get_name())
+        await asyncio.sleep(1.0)
 
     async def first() -> None:
-        supervisor.add_task("late", late)
-        with pytest.raises(StateError, match="'late' is already there"):
-            supervisor.add_task("late", late)
+        supervisor.add_task("run", late)
+        with pytest.raises(StateError, match="'run' is already there"):
+            supervisor.add_task("run", late)
+        await asyncio.sleep(2.0)
+        supervisor.add_task("run", late)
 
     supervisor.add_task("first", first)
     run_virtual(supervisor.run())
-    assert ran == ["late"]
+    assert ran == ["run", "run"]
+    assert set(supervisor.reports) == {"first", "run"}
 
 
 def test_cancelling_the_supervisor_cancels_its_tasks() -> None:
