@@ -8,6 +8,7 @@ unknown. `read_map` is the inverse of `pgm_bytes` with `yaml_text`; callers do t
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -20,6 +21,7 @@ FREE, UNKNOWN, OCCUPIED = 254, 205, 0  # what map_saver writes
 OCCUPIED_THRESH, FREE_THRESH = 0.65, 0.196  # map_saver's; 205 lies between, so stays unknown
 CELLS_MAX = 100_000_000
 _MAXVAL = 255
+_KNOWN_KEYS = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh")
 
 BoolArray = NDArray[np.bool_]
 
@@ -120,7 +122,7 @@ def yaml_text(grid: GridView, image_name: str) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MapDescription:
-    """The YAML file's content."""
+    """The YAML file's content; `others` holds the raw values of keys not named here."""
 
     image: str
     resolution_m: float
@@ -128,6 +130,7 @@ class MapDescription:
     is_negated: bool
     occupied_thresh: float
     free_thresh: float
+    others: Mapping[str, str]
 
 
 def read_description(text: str, where: str) -> MapDescription:
@@ -176,6 +179,7 @@ def read_description(text: str, where: str) -> MapDescription:
         is_negated=numbers("negate", 1, "0")[0] != 0.0,
         occupied_thresh=numbers("occupied_thresh", 1, str(OCCUPIED_THRESH))[0],
         free_thresh=numbers("free_thresh", 1, str(FREE_THRESH))[0],
+        others={key: value for key, (_, value) in found.items() if key not in _KNOWN_KEYS},
     )
 
 

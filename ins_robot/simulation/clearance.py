@@ -50,7 +50,7 @@ class Clearance:
         self._height, self._width = is_occupied.shape
 
     def at_least_m(self, x_m: float, y_m: float) -> float:
-        """A lower bound of the distance at a point, at most a cell's diagonal too low; cheap."""
+        """A lower bound of the distance at a point, too low by a diagonal at most; cheap."""
         row = math.floor((y_m - self._origin_m[1]) / self._resolution_m)
         col = math.floor((x_m - self._origin_m[0]) / self._resolution_m)
         if not (0 <= row < self._height and 0 <= col < self._width):

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
 """The magnetic field in a building: the earth's, and what metal objects do to it.
 
-Objects (radiators, reinforcement, appliances) stand at random places; near one the field turns by
-tens of degrees, as HARDWARE facts say it does indoors. World frame, gauss; north is +y.
+Objects (radiators, reinforcement, appliances) stand at random places; near one the field turns
+by tens of degrees, as it does indoors. World frame, gauss; north is +y.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
 """Noise that is drawn in blocks and handed out one value at a time as plain floats.
 
-One call of a numpy Generator costs as much as twenty steps of the body. Same generator state, same
-values, whatever the block size is never shared: each source owns its generator.
+A call of a numpy Generator costs about as much as a whole step of the body otherwise does.
+Each source owns its generator: what one draws ahead never changes the values of another.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class OrnsteinUhlenbeck:
 
 
 class Runs:
-    """A share of True values that come in runs of a mean length: losses of neighbouring beams."""
+    """A share of True values that come in runs of a mean length, as beams are lost."""
 
     def __init__(self, rng: np.random.Generator, share: float, mean_length: float) -> None:
         self._rng = rng

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: MIT
 """What the XV-11 sees of the simulated world: ranges, strengths and losses, beam by beam.
 
-Every beam is cast exactly, from where the body was at the beam's own time. The return grows weaker
-with the square of range, slanted incidence and dark surfaces; too weak ones are lost. Noise grows
-with the square of range (Konolige et al. 2008), edges give mixed pixels, and some beams are lost
-for no reason, in short runs. The wall's part of it is the same in every run.
+Every beam is cast exactly, from where the body was at the beam's own time. The return grows
+weaker with the square of range, slanted incidence and dark surfaces; too weak ones are lost.
+Noise grows with the square of range (Konolige et al. 2008), edges give mixed pixels, and some
+beams are lost for no reason, in short runs. The wall's part of it is the same in every run.
 """
 
 from __future__ import annotations

@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: MIT
 """The body of the simulated robot: motor duties in; wheel counts, contacts and true poses out.
 
-Each wheel follows its duty with a lag and is counted by its encoder; on the ground it slips, by a
-constant share and by a share that wanders. A body that would enter a wall is pushed back out along
-the wall's normal, so that it slides. Plain floats: a step of 10 ms costs about 10 us.
-World frame; `poses_at` and all truth are in it.
+Each wheel follows its duty with a lag and is counted by its encoder; on the ground it slips, by
+a constant share and by a share that wanders. A body that would enter a wall is pushed back out
+along the wall's normal, so that it slides. All poses are true and in the world frame.
 """
 
 from __future__ import annotations
@@ -27,6 +26,8 @@ from ins_robot.simulation.pose_history import PoseHistory
 from ins_robot.simulation.world import World
 
 STEP_S = 0.01
+_ROUNDING_S = 1e-9
+"""So little time left over from rounding is no step."""
 _SLIP_TIME_S = 0.4
 _CONTACT_ENDS_S = 0.5
 """A body free for this long touches anew; contacts closer in time are one collision."""
@@ -130,7 +131,7 @@ class RobotBody:
 
     def advance(self, to_s: float, duties: Triple) -> None:
         """Live until `to_s` with constant duties, each -1..1; 1 drives ccw."""
-        while to_s - self._now_s > 1e-9:
+        while to_s - self._now_s > _ROUNDING_S:
             self._step(min(STEP_S, to_s - self._now_s), duties)
 
     def counts(self) -> tuple[int, int, int]:
@@ -192,7 +193,7 @@ class RobotBody:
         )
 
     def kidnap(self, to: Pose2) -> None:
-        """Carry the robot elsewhere; its wheels do not notice. InputError if it does not fit."""
+        """Carry the robot elsewhere, wheels unaware; InputError where it does not fit."""
         if self.world.clearance.nearest_wall(to.x_m, to.y_m).distance_m < self.radius_m:
             raise InputError(
                 f"kidnap to {to.x_m:.2f}, {to.y_m:.2f}: the body does not fit there"

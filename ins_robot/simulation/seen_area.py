@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: MIT
 """What the simulated LRF has really seen: the free cells inside the wedges of its beams.
 
-A beam that was measured, or that truly met nothing within the range, sees a wedge of +-0.5 deg up
-to its own true length, as far as the walls let each part of the wedge through. Beams are collected
-and marked in batches; of beams from one place in one direction only the longest is kept, so that
-five revolutions cost one.
+A beam that was measured, or that truly met nothing within the range, sees a wedge of +-0.5 deg
+up to its own true length, as far as the walls let each part of the wedge through. Beams are
+collected and marked in batches; of beams from one place in one direction only the longest is
+kept, so that five revolutions cost one.
 """
 
 from __future__ import annotations

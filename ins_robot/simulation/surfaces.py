@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: MIT
 """What the walls are made of: which way they face, and how well they throw light back.
 
-Both are fields over the grid, made once from the walls alone: the same building looks the same in
-every run. Normals come from walls smoothed over 0.1 m, so that the staircase which a slanted wall
-is on a grid faces the way the wall does. Reflectivity varies along a wall, with dark patches.
+Both are fields over the grid, made once from the walls alone: the same building looks the same
+in every run. Normals come from walls smoothed over 0.1 m, so that the staircase which a slanted
+wall is on a grid faces the way the wall does. Reflectivity varies along walls, in patches.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ class Surfaces:
         return share
 
     def incidence_cos(self, flat: np.ndarray, cos: FloatArray, sin: FloatArray) -> FloatArray:
-        """(N,) cosine of the angle between the beams (cos, sin) and the walls' normals, 0..1."""
+        """(N,) cosine of the angle between beams (cos, sin) and the walls' normals, 0..1."""
         facing = self._normal_x.take(flat, mode="clip") * cos
         facing += self._normal_y.take(flat, mode="clip") * sin
         cosine: FloatArray = np.clip(-facing, 0.0, 1.0).astype(np.float64)

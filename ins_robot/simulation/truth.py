@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
 """How good a run really was, told from what only the simulator knows.
 
-In: the finished run's map and trajectory, the true poses, what the beams covered. Out: the metrics
-of summary.json. Map and world differ by the start pose alone, so nothing is aligned.
+In: the finished run's map and trajectory, the true poses, what the beams covered. Out: the
+metrics of summary.json. Map and world differ by the start pose alone: nothing is aligned.
 """
 
 from __future__ import annotations
@@ -69,8 +69,8 @@ def coverage(is_seen: NDArray[np.bool_], is_visible: NDArray[np.bool_]) -> float
 def wall_error_m(world: World, start: Pose2, grid: GridView) -> float:
     """Mean distance from each occupied map cell to the nearest cell of a true wall's surface.
 
-    Centre to centre, so that a perfect map scores a fraction of a cell and not 0. Only wall cells
-    that touch a free cell are surface: a map cell deep inside a wall is an error too.
+    Centre to centre, so that a perfect map scores a fraction of a cell and not 0. Only wall
+    cells that touch a free cell are surface: a map cell deep inside a wall is an error too.
     """
     surface = world.is_occupied & ndimage.binary_dilation(
         ~world.is_occupied, structure=np.ones((3, 3), dtype=bool)

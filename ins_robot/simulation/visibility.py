@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: MIT
-"""Which free cells can be seen at all: from anywhere the robot's centre can reach, within range.
+"""Which free cells can be seen at all, within range from where the robot's centre can get.
 
-From a lattice of reachable places and the start, 720 rays each. A cell counts as seen from a place
-when its centre is nearer than the ray that passes it goes. All places are cell centres, so the
-distance and the ray of every cell around are the same for each: one window, shifted.
+From a lattice of reachable places and the start, 720 rays each. A cell counts as seen from a
+place when its centre is nearer than the ray that passes it goes. All places are cell centres,
+so the distance and the ray of every cell around are the same for each: one window, shifted.
 """
 
 from __future__ import annotations
@@ -13,7 +13,6 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from ins_robot.geometry.angles import FloatArray
 from ins_robot.geometry.pose2 import Pose2
 from ins_robot.mapping.ray_cast import cast_rays
 from ins_robot.simulation.world import World
@@ -35,7 +34,7 @@ def visible_cells(
     distance = np.hypot(up, right)
     ray = np.round(np.arctan2(up, right) * (RAYS / (2.0 * np.pi))).astype(np.int64) % RAYS
     distance = np.where(distance <= reach, distance, np.inf).astype(np.float32)
-    bearings: FloatArray = np.arange(RAYS) * (2.0 * np.pi / RAYS)
+    bearings = np.arange(RAYS, dtype=np.float64) * (2.0 * np.pi / RAYS)
     is_visible = np.zeros((walls.shape[0] + 2 * pad, walls.shape[1] + 2 * pad), dtype=bool)
     for row, col in _places(world, start, radius_m):
         free_way = cast_rays(walls, np.array([[row + 0.5, col + 0.5]]), bearings, reach)

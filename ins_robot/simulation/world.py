@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: MIT
 """The simulated building: which cells are walls, and where the robot is set down.
 
-Comes from map_server files (`load`) or from those shipped (`builtin`). Only cells known to be free
-are free; unknown ones and everything outside the image are walls. World frame: metres, x right,
-y up, origin as the YAML says. Row 0 is at the bottom, so row grows with +y.
+Comes from map_server files (`load`) or from those shipped (`builtin`). Only cells known to be
+free are free; unknown ones and everything outside the image are walls. World frame: metres, x
+right, y up, origin as the YAML says. Row 0 is at the bottom, so row grows with +y.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from ins_robot.errors import InputError
 from ins_robot.geometry.angles import FloatArray
 from ins_robot.geometry.pose2 import Pose2
 from ins_robot.simulation.clearance import Clearance
-from ins_robot.simulation.map_description import load_description, read_is_free
+from ins_robot.simulation.world_files import read_world
 
 BUILTIN_DIRECTORY = Path(__file__).parent / "worlds"
 _START_MARGIN_M = 0.1
@@ -66,20 +66,13 @@ class World:
     @staticmethod
     def load(path: Path) -> World:
         """Read a map_server YAML file and its image; InputError when they cannot be used."""
-        description = load_description(path)
-        image = path.parent / description.image
-        is_free = read_is_free(description, image)
-        if not is_free.any():
-            raise InputError(
-                f"{image}: no free cell in {is_free.shape[1]} x {is_free.shape[0]}; free is white "
-                "(occupancy below free_thresh); check 'negate' and 'free_thresh'"
-            )
+        files = read_world(path)
         return World(
-            ~is_free,
-            description.resolution_m,
-            description.origin_m,
+            ~files.is_free,
+            files.resolution_m,
+            files.origin_m,
             name=path.stem,
-            start=None if description.start is None else Pose2(*description.start),
+            start=files.start,
         )
 
     @staticmethod
@@ -120,8 +113,8 @@ class World:
     def start_pose(self, wanted: Pose2 | None, radius_m: float) -> Pose2:
         """Where the robot starts: `wanted`, else what the file says, else a place chosen here.
 
-        The chosen place is the one nearest to the middle of the largest connected region in which
-        the body has 0.1 m to spare (if there is none: just fits), heading 0.
+        The chosen place is the one nearest to the middle of the largest connected region in
+        which the body has 0.1 m to spare (if there is none: just fits), heading 0.
 
         Raises
         ------
@@ -143,14 +136,14 @@ class World:
         if distance < radius_m:
             place = self._default_start(radius_m)
             raise InputError(
-                f"robot radius {radius_m:.2f} m does not fit at {pose.x_m:.2f}, {pose.y_m:.2f}: "
-                f"nearest wall {distance:.2f} m; choose --start X,Y in free space, "
-                f"e.g. --start {place.x_m:.2f},{place.y_m:.2f}"
+                f"robot radius {radius_m:.2f} m does not fit at {pose.x_m:.2f}, "
+                f"{pose.y_m:.2f}: nearest wall {distance:.2f} m; choose --start X,Y in free "
+                f"space, e.g. --start {place.x_m:.2f},{place.y_m:.2f}"
             )
         return pose
 
     def reachable(self, start: Pose2, radius_m: float) -> NDArray[np.bool_]:
-        """(H, W) bool: cells whose centres a disc reaches from `start` without touching a wall."""
+        """(H, W) bool: cells whose centres a disc gets to from `start`, touching no wall."""
         fits = self.clearance.field_m >= radius_m
         row, col = np.floor(self.cells((start.x_m, start.y_m))).astype(int)
         labels, _ = ndimage.label(fits, structure=_EIGHT_NEIGHBOURS)
@@ -172,6 +165,6 @@ class World:
                 return Pose2(float(x), float(y), 0.0)
         widest = float(self.clearance.field_m.max())
         raise InputError(
-            f"world '{self.name}': no place for a robot of radius {radius_m:.2f} m; the widest has "
-            f"{widest:.2f} m; wrong resolution ({self.resolution_m:g} m a cell)?"
+            f"world '{self.name}': no place for a robot of radius {radius_m:.2f} m, the widest "
+            f"has {widest:.2f} m; is the resolution ({self.resolution_m:g} m a cell) right?"
         )
