@@ -11,7 +11,6 @@ from dataclasses import dataclass, field
 from typing import Any
 
 MS_PER_S = 1e3
-STALE_AFTER_S = 0.5  # ten readings of gyro or wheels missed and more
 
 
 @dataclass(slots=True)
@@ -23,11 +22,6 @@ class Stream:
     total: int = 0
     rate_hz: float = 0.0
     _rolled_total: int = 0
-
-    def received(self, now_s: float) -> None:
-        """One datum has come."""
-        self.last_s = now_s
-        self.total += 1
 
     def age_s(self, now_s: float) -> float | None:
         """Time since the last datum; None before the first."""
@@ -66,34 +60,39 @@ class Timing:
 
 @dataclass(slots=True)
 class Health:
-    """The record of a daemon that began at `began_s` (loop time)."""
+    """The record of a daemon that began at `began_s` (loop time).
+
+    Streams and timings are made by the first report under their name, or by `expect`.
+    """
 
     began_s: float
-    lrf: Stream = field(default_factory=Stream)  # comes while scanning only: never stale
-    imu: Stream = field(default_factory=lambda: Stream(STALE_AFTER_S))
-    wheels: Stream = field(default_factory=lambda: Stream(STALE_AFTER_S))
-    control: Timing = field(default_factory=Timing)
-    slam: Timing = field(default_factory=Timing)
+    streams: dict[str, Stream] = field(default_factory=dict)
+    timings: dict[str, Timing] = field(default_factory=dict)
     counters: dict[str, int] = field(default_factory=dict)
     _rolled_s: float | None = None
 
     def expect(self, name: str, stale_after_s: float | None) -> None:
-        """How long the stream "lrf", "imu" or "wheels" may be silent; None: for ever."""
-        self.streams[name].stale_after_s = stale_after_s
+        """Declare a stream, and how long it may be silent (None: for ever)."""
+        self.streams.setdefault(name, Stream()).stale_after_s = stale_after_s
+
+    def beat(self, name: str, now_s: float) -> None:
+        """One datum of the stream has come, or one tick was done."""
+        stream = self.streams.get(name)
+        if stream is None:
+            stream = self.streams[name] = Stream()
+        stream.last_s = now_s
+        stream.total += 1
+
+    def took(self, name: str, duration_s: float) -> None:
+        """One pass of something took this long."""
+        timing = self.timings.get(name)
+        if timing is None:
+            timing = self.timings[name] = Timing()
+        timing.took(duration_s)
 
     def count(self, name: str, amount: int = 1) -> None:
         """Count an event, such as a verdict or a dropped scan."""
         self.counters[name] = self.counters.get(name, 0) + amount
-
-    @property
-    def streams(self) -> dict[str, Stream]:
-        """The streams by name."""
-        return {"lrf": self.lrf, "imu": self.imu, "wheels": self.wheels}
-
-    @property
-    def timings(self) -> dict[str, Timing]:
-        """The timings by name."""
-        return {"control": self.control, "slam": self.slam}
 
     def stale(self, now_s: float) -> list[str]:
         """The streams silent for too long; before its first datum one is as old as we are."""
@@ -116,7 +115,7 @@ class Health:
             timing.roll()
 
     def line(self, now_s: float) -> str:
-        """The stats line: `stats: up 12 s, lrf 0.0 Hz, ..., control 0.4/1.1 ms, STALE: imu`."""
+        """The stats line: `stats: up 12 s, imu 50.0 Hz, ..., slam 9.4/31.0 ms, STALE: imu`."""
         parts = [f"up {now_s - self.began_s:.0f} s"]
         parts += [f"{name} {stream.rate_hz:.1f} Hz" for name, stream in self.streams.items()]
         parts += [

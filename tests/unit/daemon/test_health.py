@@ -10,45 +10,53 @@ import pytest
 from ins_robot.daemon.health import Health
 
 
+def watched(began_s: float) -> Health:
+    health = Health(began_s)
+    health.expect("lrf", None)  # rests between scans: never stale
+    health.expect("imu", 0.5)
+    health.expect("wheels", 0.5)
+    return health
+
+
 def run_for(health: Health, from_s: float, seconds: float, rate_hz: float) -> None:
     for tick in range(int(seconds * rate_hz)):
-        health.imu.received(from_s + tick / rate_hz)
+        health.beat("imu", from_s + tick / rate_hz)
 
 
 def test_rates_are_of_the_last_window() -> None:
-    health = Health(began_s=100.0)
+    health = watched(100.0)
     run_for(health, 100.0, 2.0, 50.0)
     health.roll(102.0)
-    assert health.imu.rate_hz == pytest.approx(50.0)
+    assert health.streams["imu"].rate_hz == pytest.approx(50.0)
     run_for(health, 102.0, 1.0, 20.0)
-    assert health.imu.rate_hz == pytest.approx(50.0)  # the window is still open
+    assert health.streams["imu"].rate_hz == pytest.approx(50.0)  # the window is still open
     health.roll(103.0)
     health.roll(103.0)  # no time has passed: nothing to divide by
-    assert health.imu.rate_hz == pytest.approx(20.0)
-    assert health.wheels.rate_hz == 0.0
+    assert health.streams["imu"].rate_hz == pytest.approx(20.0)
+    assert health.streams["wheels"].rate_hz == 0.0
 
 
 def test_silence_becomes_staleness() -> None:
-    health = Health(began_s=10.0)
+    health = watched(10.0)
     assert health.stale(10.4) == []
     assert health.stale(10.6) == ["imu", "wheels"]  # never heard of counts from the start
-    health.imu.received(10.6)
-    health.wheels.received(10.6)
+    health.beat("imu", 10.6)
+    health.beat("wheels", 10.6)
     assert health.stale(11.0) == []
-    health.imu.received(11.0)
+    health.beat("imu", 11.0)
     assert health.stale(11.2) == ["wheels"]
     assert "STALE: wheels" in health.line(11.2)
     health.expect("wheels", 5.0)
     assert health.stale(15.0) == ["imu"]
-    assert health.stale(1000.0) == ["imu", "wheels"]  # the LRF rests between scans: never stale
+    assert health.stale(1000.0) == ["imu", "wheels"]
 
 
 def test_durations_show_mean_and_worst_of_the_window_and_the_worst_ever() -> None:
-    health = Health(began_s=0.0)
+    health = watched(0.0)
     for duration_s in (0.001, 0.003, 0.008):
-        health.control.took(duration_s)
+        health.took("control", duration_s)
     health.roll(1.0)
-    health.control.took(0.002)
+    health.took("control", 0.002)
     health.roll(2.0)
     timing = health.as_dict(2.0)["durations_ms"]["control"]
     assert timing == {"mean": 2.0, "worst": 2.0, "worst_ever": 8.0}
@@ -57,11 +65,11 @@ def test_durations_show_mean_and_worst_of_the_window_and_the_worst_ever() -> Non
 
 
 def test_line_and_dict_say_the_same() -> None:
-    health = Health(began_s=0.0)
+    health = watched(0.0)
     health.count("scans dropped")
     health.count("scans dropped", 2)
     run_for(health, 0.0, 1.0, 50.0)
-    health.control.took(0.0015)
+    health.took("control", 0.0015)
     health.roll(1.0)
     line, status = health.line(1.2), health.as_dict(1.2)
     assert line.startswith("stats: up 1 s, lrf 0.0 Hz, imu 50.0 Hz, wheels 0.0 Hz")
