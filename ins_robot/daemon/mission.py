@@ -54,7 +54,10 @@ class MissionState(StrEnum):
 class ScannerPower(Protocol):
     """The part of the LRF driver a mission commands."""
 
-    set_rpm: float
+    @property
+    def set_rpm(self) -> float:
+        """The speed it is told to hold."""
+        ...
 
     async def motor_on(self) -> None:
         """Start turning."""
@@ -136,7 +139,8 @@ class Mission:
                 decision = await self._scan_here()
             else:
                 decision = await self._give_up(decision, outcome)
-        self._end(MissionState.COMPLETE, decision.reason)
+        ended = MissionState.COMPLETE if decision.is_complete else MissionState.STOPPED
+        self._end(ended, decision.reason)
 
     async def _calibrate(self) -> None:
         """Stand until the gyro's bias is known."""
@@ -327,11 +331,6 @@ class Mission:
             self._end(
                 MissionState.STOPPED,
                 f"exploration.max_time_s = {exploration.max_time_s:g} s is used up",
-            )
-        elif self.core.scans >= exploration.max_scans:
-            self._end(
-                MissionState.STOPPED,
-                f"exploration.max_scans = {exploration.max_scans} are taken",
             )
         return self.state.is_over
 

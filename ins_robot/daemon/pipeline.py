@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import time
 from collections.abc import Callable
 
 from ins_robot.config import Config
@@ -113,7 +114,9 @@ class Pipeline:
             self._count_devices()
             async for sample in motor.samples():
                 self._health.beat("wheels", sample.stamp_s)
+                begun_s = time.perf_counter()
                 self._on_wheels(sample, motor)
+                self._health.took("control", time.perf_counter() - begun_s)
         finally:
             self._motor = None
             self._count_devices()

@@ -13,7 +13,7 @@ import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -36,8 +36,9 @@ from ins_robot.sensing.ports import Connector
 log = logging.getLogger(__name__)
 
 FLUSH_PERIOD_S = 1.0
-STALE_AFTER_S = 1.0
 
+T = TypeVar("T")
+T = TypeVar("T")
 Annotate = Callable[[RunResult], RunResult]
 
 
@@ -81,8 +82,6 @@ class Robot:
         self._survey_worker = ThreadPoolExecutor(1, "survey")
         self._journal_worker = ThreadPoolExecutor(1, "journal")
         self._began_run_s = 0.0
-        for name in ("imu", "wheels"):
-            self.health.expect(name, STALE_AFTER_S)
         self.supervisor.add_device("lrf", self.pipeline.serve_lrf)
         self.supervisor.add_device("imu", self.pipeline.serve_imu)
         self.supervisor.add_device("motors", self.pipeline.serve_motors)
@@ -218,7 +217,7 @@ class Robot:
                 f"battery at {wheels.battery_v:.1f} V, wheels.battery_low_v = {limit_v:g}"
             )
 
-    async def _in_survey_worker(self, work: Callable[[], Any]) -> Any:
+    async def _in_survey_worker(self, work: Callable[[], T]) -> T:
         return await asyncio.get_running_loop().run_in_executor(self._survey_worker, work)
 
 

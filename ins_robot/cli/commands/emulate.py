@@ -63,7 +63,11 @@ def run(args: argparse.Namespace) -> int:
     # Short: the path of a Unix socket may have no more than 107 bytes.
     with tempfile.TemporaryDirectory(prefix="ins-robot-") as lines:
         asyncio.run(
-            _serve(simulated, emulated_config(config, Path(lines), args.config_out), args)
+            _serve(
+                simulated,
+                emulated_config(config, Path(lines), args.config_out),
+                args.config_out,
+            )
         )
     args.config_out.unlink(missing_ok=True)
     return 0
