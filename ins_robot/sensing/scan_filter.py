@@ -105,7 +105,7 @@ def combine(
 
 def _lower_median(values: FloatArray) -> FloatArray:
     """(B,) median down the columns of (R, B), the lower of two middle ones; NaN if all are."""
-    # Not np.nanmedian: that averages the two middle ones, and warns of columns without readings.
+    # Not np.nanmedian: that averages two middle ones, and warns of columns without any.
     ordered = np.sort(values, axis=0)  # NaN last
     middle = np.maximum(np.isfinite(values).sum(axis=0) - 1, 0) // 2
     median: FloatArray = np.take_along_axis(ordered, middle[None, :], axis=0)[0]
