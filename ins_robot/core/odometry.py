@@ -23,7 +23,6 @@ from ins_robot.geometry.pose2 import Pose2
 from ins_robot.messages import ImuSample, MotionIncrement, VelocityCommand, WheelSample
 from ins_robot.sensing.imu_calibration import (
     CompassGate,
-    FieldVerdict,
     GyroBias,
     StandstillBias,
 )
@@ -87,8 +86,6 @@ class Odometry:
         self._rest_counts = (0, 0, 0)
         self._rest_since_s = 0.0
         self._way_m = 0.0  # since the compass was last used
-        self._deviation_sum_rad = 0.0
-        self._deviations = 0
         self._seen: Counter[tuple[str, str]] = Counter()
 
     @property
@@ -291,7 +288,7 @@ class Odometry:
     ) -> None:
         """Publish the new state, with what this step added to the doubt about the way."""
         config = self._config
-        _x, _y, _heading, vx, vy, omega, _bias = self._kalman.state.tolist()
+        vx, vy, omega = self._kalman.state[State.TWIST].tolist()
         self._twist = VelocityCommand(vx_mps=vx, vy_mps=vy, yaw_rate_radps=omega)
         # Slip goes on in one direction: the n-th of a row adds (2n - 1) shares, n^2 in all.
         persistence = max(1, 2 * self._slip_steps - 1)
@@ -335,29 +332,21 @@ class Odometry:
         self._stamp_s = stamp_s
 
     def _on_field(self, field_gauss: tuple[float, float, float], stamp_s: float) -> None:
-        """Judge a field; once a metre, let the mean of the accepted ones correct the heading.
-
-        A compass error near metal is the same for as long as the robot stays there: a hundred
-        readings of it are worth one. Hence one update per `compass_spacing_m`.
-        """
-        if not all(map(math.isfinite, field_gauss)):
-            self._seen["compass", Verdict.IMPLAUSIBLE] += 1
-            return
-        if not self._is_ready:
-            self._seen["compass", self._compass.learn(field_gauss, 0.0)] += 1
-            return
+        """Judge a field; once a stretch, let the mean of the accepted ones correct the heading."""
         state = self._kalman.state
+        if not self._is_ready:
+            self._seen["compass", self._compass.learn(field_gauss)] += 1
+            return
         ahead_s = min(max(stamp_s - self._stamp_s, 0.0), EXTRAPOLATE_MAX_S)
         heading_rad = float(state[State.HEADING]) + ahead_s * float(state[State.YAW_RATE])
-        heading_var = float(self._kalman.covariance[State.HEADING, State.HEADING])
-        verdict, deviation_rad = self._compass.judge(field_gauss, heading_rad, heading_var)
-        self._seen["compass", verdict] += 1
-        if verdict is not FieldVerdict.ACCEPTED:
-            return
-        self._deviation_sum_rad += deviation_rad
-        self._deviations += 1
+        self._seen["compass", self._compass.judge(field_gauss, heading_rad)] += 1
         if self._way_m < self._config.compass_spacing_m:
             return
-        seen_rad = float(state[State.HEADING]) + self._deviation_sum_rad / self._deviations
-        self._kalman.update_compass(seen_rad, math.radians(self._config.compass_std_deg))
-        self._way_m, self._deviation_sum_rad, self._deviations = 0.0, 0.0, 0
+        bearing_rad = self._compass.bearing_rad
+        self._compass.begin_stretch()
+        self._way_m = 0.0
+        if bearing_rad is not None:
+            self._kalman.update_compass(
+                bearing_rad - float(state[State.HEADING]),
+                math.radians(self._config.compass_std_deg),
+            )

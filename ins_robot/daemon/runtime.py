@@ -38,7 +38,6 @@ log = logging.getLogger(__name__)
 FLUSH_PERIOD_S = 1.0
 
 T = TypeVar("T")
-T = TypeVar("T")
 Annotate = Callable[[RunResult], RunResult]
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The centralized Kalman filter: encoders, gyro and compass in one state of seven.
+"""The centralized Kalman filter: encoders, gyro and compass in one state of eight.
 
 In come the base velocity from count differences, the gyro's mean rate over the same interval
 and now and then a compass heading; out come pose, velocity and gyro bias with their covariance,
@@ -35,10 +35,11 @@ class State:
     VY = 4
     YAW_RATE = 5
     GYRO_BIAS = 6
+    FIELD_BEARING = 7  # of the horizontal magnetic field, in odom
     POSITION = slice(0, 2)
     POSE = slice(0, 3)
     TWIST = slice(3, 6)
-    SIZE = 7
+    SIZE = 8
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -58,12 +59,16 @@ _BOTH_H = np.vstack([_WHEELS_H, _GYRO_H])
 
 
 class CentralKalman:
-    """Extended Kalman filter over x, y, heading (odom), vx, vy, yaw rate (base), gyro bias.
+    """Extended Kalman filter over x, y, heading (odom), vx, vy, yaw rate (base), gyro bias and
+    the bearing of the magnetic field (odom).
 
     The velocity in the state is the *mean* over the interval just predicted, which is what
     count differences and an integrated gyro measure. So `predict` carries the pose by the
     velocity after its random step, and the update that follows corrects both: in steady state
     the pose integrates the measured displacement without lag.
+
+    The field's bearing is estimated too, because where the robot starts the compass is as wrong
+    as anywhere: the first reading is a guess of it, and many places together tell it.
     """
 
     def __init__(self, config: KalmanConfig) -> None:
@@ -84,16 +89,17 @@ class CentralKalman:
         for i in range(State.TWIST.start, State.TWIST.stop):
             ekf.P[i, i] = START_VELOCITY_STD**2
         ekf.P[State.GYRO_BIAS, State.GYRO_BIAS] = gyro_bias_std_radps**2
+        self._has_field = False
 
     @property
     def state(self) -> FloatArray:
-        """(7,) state, see `State`; the heading is not wrapped. Not to be written to."""
+        """(8,) state, see `State`; the heading is not wrapped. Not to be written to."""
         state: FloatArray = self._ekf.x
         return state
 
     @property
     def covariance(self) -> FloatArray:
-        """(7, 7) covariance of `state`. Not to be written to."""
+        """(8, 8) covariance of `state`. Not to be written to."""
         covariance: FloatArray = self._ekf.P
         return covariance
 
@@ -128,7 +134,7 @@ class CentralKalman:
 
     def _move(self, _command: float = 0.0) -> None:
         """Non-linear part of the prediction: x <- f(x)."""
-        x, y, heading, vx, vy, omega, _bias = self._ekf.x.tolist()
+        x, y, heading, vx, vy, omega = self._ekf.x[: State.GYRO_BIAS].tolist()
         dt_s = self._dt_s
         middle = heading + 0.5 * omega * dt_s
         c, s = math.cos(middle), math.sin(middle)
@@ -162,22 +168,33 @@ class CentralKalman:
         """Correct with the gyro alone (bias not removed); as `update_wheels`."""
         return self._update([gyro_radps], _GYRO_H, [std_radps**2])
 
-    def update_compass(self, heading_rad: float, std_rad: float) -> None:
-        """Correct the heading, and with it the bias, but never the position.
+    def update_compass(self, direction_rad: float, std_rad: float) -> None:
+        """Correct the heading by the field's direction as seen from the base.
 
-        Odometry must not jump: what the position would gain from a better heading is left to
-        SLAM. So this is a Schmidt-Kalman update: the gain's position rows are zero, and the
-        Joseph form keeps the covariance right for that gain.
+        The first direction only tells the field's bearing. The position is never corrected:
+        odometry must not jump, and what it would gain from a better heading is left to SLAM. So
+        this is a Schmidt-Kalman update: the gain's position rows are zero, and the Joseph form
+        keeps the covariance right for that gain.
         """
         ekf = self._ekf
-        P = ekf.P
-        K = P[:, State.HEADING] / (P[State.HEADING, State.HEADING] + std_rad**2)
+        P, variance = ekf.P, std_rad**2
+        heading = float(ekf.x[State.HEADING])
+        if not self._has_field:
+            self._has_field = True
+            ekf.x[State.FIELD_BEARING] = heading + direction_rad
+            P[State.FIELD_BEARING, :] = P[State.HEADING, :]  # bearing = heading + direction
+            P[:, State.FIELD_BEARING] = P[:, State.HEADING]
+            P[State.FIELD_BEARING, State.FIELD_BEARING] = P[State.HEADING, State.HEADING] + variance
+            return
+        PHT = P[:, State.FIELD_BEARING] - P[:, State.HEADING]
+        K = PHT / (PHT[State.FIELD_BEARING] - PHT[State.HEADING] + variance)
         K[State.POSITION] = 0.0
-        innovation = wrap_rad(heading_rad - float(ekf.x[State.HEADING]))
-        ekf.x = ekf.x + K * innovation
+        expected = float(ekf.x[State.FIELD_BEARING]) - heading
+        ekf.x = ekf.x + K * wrap_rad(direction_rad - expected)
         I_KH = np.eye(State.SIZE)
-        I_KH[:, State.HEADING] -= K
-        ekf.P = I_KH @ P @ I_KH.T + np.outer(K, K) * std_rad**2
+        I_KH[:, State.FIELD_BEARING] -= K
+        I_KH[:, State.HEADING] += K
+        ekf.P = I_KH @ P @ I_KH.T + np.outer(K, K) * variance
         self._settle()
 
     def _update(self, values: list[float], H: FloatArray, variances: list[float]) -> bool:

@@ -128,8 +128,8 @@ def picture_of(result: RunResult) -> MapPicture:
     }
     gaps = [
         GapMark(
-            x_m=gap["centroid_m"][0],
-            y_m=gap["centroid_m"][1],
+            x_m=gap["centroid"][0],
+            y_m=gap["centroid"][1],
             is_open=gap["state"] in OPEN_STATES,
         )
         for node in nodes

@@ -97,8 +97,8 @@ def cells_on_rays(
     bearings = np.asarray(bearings_rad, dtype=np.float64)
     starts = _one_start_each(start_cells, bearings)
     count, (height, width) = bearings.size, shape
-    limit = np.minimum(distances_cells, _exit_distance(starts, bearings, shape))
-    lines = _crossings(starts, bearings)
+    lines = _crossings(starts, bearings, shape)
+    limit = np.minimum(distances_cells, lines.leaves)
     # Crossings strictly before the limit; the slack keeps rounding from entering the stopper.
     crossed = np.ceil((np.tile(limit, 2) - lines.first) / lines.pitch - _PARALLEL)
     counts = np.maximum(crossed, 0.0).astype(np.int64)
@@ -125,6 +125,7 @@ class _Crossings(NamedTuple):
 
     Crossing k of a family lies `first + k * pitch` along the ray. It enters the cell with index
     `line + k * way` across the lines and `floor(minor + k * slope)` along them. Each (2N,).
+    `leaves`, (N,), is how far each ray goes inside the grid; 0 when it starts outside.
     """
 
     first: FloatArray
@@ -133,34 +134,32 @@ class _Crossings(NamedTuple):
     slope: FloatArray
     line: IndexArray
     way: IndexArray
+    leaves: FloatArray
 
 
-def _crossings(starts: FloatArray, bearings: FloatArray) -> _Crossings:
+def _crossings(starts: FloatArray, bearings: FloatArray, shape: tuple[int, ...]) -> _Crossings:
+    count = bearings.size
     cos, sin = np.cos(bearings), np.sin(bearings)
-    direction = np.concatenate([cos, sin])
+    direction, other_direction = np.concatenate([cos, sin]), np.concatenate([sin, cos])
     origin = np.concatenate([starts[:, 1], starts[:, 0]])
+    other_origin = np.concatenate([starts[:, 0], starts[:, 1]])
     cell = np.floor(origin)
     is_up = direction >= 0.0
     pitch = 1.0 / np.maximum(np.abs(direction), _PARALLEL)
     first = np.abs(cell + is_up - origin) * pitch
-    other_direction = np.concatenate([sin, cos])
-    minor = np.concatenate([starts[:, 0], starts[:, 1]]) + first * other_direction
+    last = np.repeat([shape[1] - 1.0, shape[0] - 1.0], count)
+    leaves = first + np.where(is_up, last - cell, cell) * pitch
+    leaves[(cell < 0.0) | (cell > last)] = 0.0
     way = np.where(is_up, 1, -1)
     return _Crossings(
-        first, pitch, minor, other_direction * pitch, cell.astype(np.int64) + way, way
+        first,
+        pitch,
+        other_origin + first * other_direction,
+        other_direction * pitch,
+        cell.astype(np.int64) + way,
+        way,
+        np.minimum(leaves[:count], leaves[count:]),
     )
-
-
-def _exit_distance(
-    starts: FloatArray, bearings: FloatArray, shape: tuple[int, ...]
-) -> FloatArray:
-    """(N,) distance at which each ray leaves the grid; 0 when it starts outside."""
-    cos, sin = np.cos(bearings), np.sin(bearings)
-    row, col = starts[:, 0], starts[:, 1]
-    to_col = np.where(cos >= 0.0, shape[1] - col, col) / np.maximum(np.abs(cos), _PARALLEL)
-    to_row = np.where(sin >= 0.0, shape[0] - row, row) / np.maximum(np.abs(sin), _PARALLEL)
-    is_inside = (row >= 0) & (col >= 0) & (row < shape[0]) & (col < shape[1])
-    return np.where(is_inside, np.minimum(to_col, to_row), 0.0)
 
 
 def _cast_block(
@@ -172,12 +171,12 @@ def _cast_block(
 ) -> FloatArray:
     """`cast_rays` on a flattened grid, for rays few enough to be worked on together."""
     count, width = bearings.size, shape[1]
-    lines = _crossings(starts, bearings)
+    lines = _crossings(starts, bearings, shape)
     # Flat index of a crossing = floor(minor + k slope) * across + (line + k way) * along. What
-    # a ray finds once it has left the grid is nonsense, but lies beyond `nearest`: not counted.
+    # a ray finds once it has left the grid is nonsense, but lies beyond `leaves`: not counted.
     across, along = np.repeat([width, 1], count), np.repeat([1, width], count)
     base, stride = lines.line * along, lines.way * along
-    nearest = _exit_distance(starts, bearings, shape)
+    nearest = lines.leaves
     start_cell = np.floor(starts).astype(np.int64)
     nearest[flat.take(start_cell[:, 0] * width + start_cell[:, 1], mode="clip")] = 0.0
     alive, reached = np.arange(2 * count), lines.first

@@ -2,8 +2,8 @@
 """What must be known to use gyro and compass: bias, field, and when to believe them.
 
 In go gyro rates at standstill and magnetic fields; out come the bias with its uncertainty, and
-for each field a verdict and how far the compass is off the filter's heading. Indoors a compass
-errs by 10 to 40 degrees near metal, by the same amount as long as the robot stays where it is.
+for each stretch of the way the bearing of the field, if it is to be believed. Indoors a compass
+errs by 10 to 40 degrees near metal.
 """
 
 from __future__ import annotations
@@ -14,6 +14,8 @@ from enum import StrEnum
 
 from ins_robot.config import ImuConfig
 from ins_robot.geometry.angles import wrap_rad
+
+Field = tuple[float, float, float]
 
 BIAS_MAX_RADPS = math.radians(25.0)  # MPU-6050: +-20 deg/s; more than that is a turn
 SAMPLES_MIN = 10
@@ -68,77 +70,68 @@ class FieldVerdict(StrEnum):
     """What became of a compass reading."""
 
     ACCEPTED = "accepted"
-    LEARNT = "learnt"  # it became the reference
+    LEARNT = "learnt"  # it went into the reference
+    IMPLAUSIBLE = "implausible"  # not a number
     NORM = "norm"  # metal near: the field is stronger or weaker than at the start
     STEEP = "steep"  # nearly vertical: no heading in it
-    DISAGREES = "disagrees"  # the field turned, the gyro did not
+    DISAGREES = "disagrees"  # the field turned over this stretch, the gyro did not
 
 
 class CompassGate:
-    """Compares the compass with the heading of the filter, and forgets what cannot be true.
+    """Judges each field, and boils a stretch of the way down to one bearing of the field.
 
-    The reference (direction and norm of the field at heading 0 of `odom`) is the mean of the
-    fields given to `learn`, or else the first one judged.
+    Near metal the error of a compass is the same for as long as the robot stays, and changes as
+    it drives by. So a stretch over which field and gyro turned alike counts as one reading, and
+    one over which they did not counts as none.
     """
 
     def __init__(self, config: ImuConfig) -> None:
         self._tolerance = config.field_tolerance
         self._disagreement_rad = math.radians(config.disagreement_deg)
         self._learnt = 0
-        self._field = (0.0, 0.0, 0.0)
-        self._direction_rad = 0.0
         self._norm_gauss = 0.0
-        self._last_deviation_rad = 0.0
-        self._last_variance = 0.0
+        self.begin_stretch()
+
+    def begin_stretch(self) -> None:
+        """What comes now is another place."""
+        self._first_rad: float | None = None
+        self._off_sum_rad = 0.0
+        self._count = 0
+        self._has_disagreed = False
 
     @property
-    def has_reference(self) -> bool:
-        """A field at a known heading has been seen."""
-        return self._learnt > 0
+    def bearing_rad(self) -> float | None:
+        """Mean bearing of the field in `odom` over the stretch; None when it is not to be used."""
+        if self._first_rad is None or self._has_disagreed:
+            return None
+        return wrap_rad(self._first_rad + self._off_sum_rad / self._count)
 
-    def learn(
-        self, field_gauss: tuple[float, float, float], heading_rad: float
-    ) -> FieldVerdict:
-        """Average a field, seen at a known heading of the base, into the reference."""
-        if _is_steep(field_gauss):
-            return FieldVerdict.STEEP
-        x, y, z = field_gauss
-        c, s = math.cos(heading_rad), math.sin(heading_rad)
-        level = (c * x - s * y, s * x + c * y, z)  # in odom axes
+    def learn(self, field_gauss: Field) -> FieldVerdict:
+        """Average a field, seen standing at the start, into the reference norm."""
+        if not all(map(math.isfinite, field_gauss)):
+            return FieldVerdict.IMPLAUSIBLE
         self._learnt += 1
-        share = 1.0 / self._learnt
-        a, b, d = (
-            old + share * (new - old) for old, new in zip(self._field, level, strict=True)
-        )
-        self._field = (a, b, d)
-        self._direction_rad = math.atan2(b, a)
-        self._norm_gauss = math.hypot(a, b, d)
+        self._norm_gauss += (math.hypot(*field_gauss) - self._norm_gauss) / self._learnt
         return FieldVerdict.LEARNT
 
-    def judge(
-        self, field_gauss: tuple[float, float, float], heading_rad: float, heading_var: float
-    ) -> tuple[FieldVerdict, float]:
-        """Verdict, and compass heading minus `heading_rad` (meaningful when ACCEPTED).
-
-        `heading_var` is the filter's variance of `heading_rad`: how far gyro and compass may
-        have parted since the last accepted reading without either being wrong.
-        """
-        if not self.has_reference:
-            return self.learn(field_gauss, heading_rad), 0.0
+    def judge(self, field_gauss: Field, heading_rad: float) -> FieldVerdict:
+        """Take a field seen at `heading_rad` of the filter."""
+        if self._learnt == 0:
+            return self.learn(field_gauss)
         x, y, z = field_gauss
-        if abs(math.hypot(x, y, z) - self._norm_gauss) > self._tolerance * self._norm_gauss:
-            return FieldVerdict.NORM, 0.0
-        if _is_steep(field_gauss):
-            return FieldVerdict.STEEP, 0.0
-        deviation_rad = wrap_rad(self._direction_rad - math.atan2(y, x) - heading_rad)
-        grown = math.sqrt(max(0.0, heading_var - self._last_variance))
-        parted_rad = abs(wrap_rad(deviation_rad - self._last_deviation_rad))
-        if parted_rad > self._disagreement_rad + 2.0 * grown:
-            return FieldVerdict.DISAGREES, deviation_rad
-        self._last_deviation_rad = deviation_rad
-        self._last_variance = heading_var
-        return FieldVerdict.ACCEPTED, deviation_rad
-
-
-def _is_steep(field_gauss: tuple[float, float, float]) -> bool:
-    return math.hypot(field_gauss[0], field_gauss[1]) < HORIZONTAL_MIN_GAUSS
+        # Negated, so that NaN fails it.
+        if not abs(math.hypot(x, y, z) - self._norm_gauss) <= self._tolerance * self._norm_gauss:
+            is_number = all(map(math.isfinite, field_gauss))
+            return FieldVerdict.NORM if is_number else FieldVerdict.IMPLAUSIBLE
+        if math.hypot(x, y) < HORIZONTAL_MIN_GAUSS:
+            return FieldVerdict.STEEP
+        bearing_rad = heading_rad + math.atan2(y, x)
+        if self._first_rad is None:
+            self._first_rad = bearing_rad
+        off_rad = wrap_rad(bearing_rad - self._first_rad)
+        if abs(off_rad) > self._disagreement_rad:
+            self._has_disagreed = True
+            return FieldVerdict.DISAGREES
+        self._off_sum_rad += off_rad
+        self._count += 1
+        return FieldVerdict.ACCEPTED

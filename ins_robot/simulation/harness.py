@@ -9,6 +9,7 @@ others as it was.
 from __future__ import annotations
 
 import asyncio
+import math
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -24,6 +25,7 @@ from ins_robot.simulation.emulators.motor import MotorEmulator
 from ins_robot.simulation.memory_wire import MemoryConnector
 from ins_robot.simulation.optics import WorldOptics
 from ins_robot.simulation.robot_body import RobotBody
+from ins_robot.simulation.wire_device import WireDevice
 from ins_robot.simulation.world import World
 
 MOTOR_PERIOD_S = 0.02
@@ -43,13 +45,22 @@ class SimulatedRobot:
         self._config = config
         self.body = RobotBody(world, start, config, body_rng, start_s)
         self.optics = WorldOptics(world, self.body, config.lrf, config.simulation, optics_rng)
-        self.lrf = LrfEmulator(self.optics, lrf_rng, config.simulation)
+        self.lrf = LrfEmulator(
+            self.optics,
+            lrf_rng,
+            yaw_rad=math.radians(config.lrf.yaw_deg),
+            is_clockwise=config.lrf.is_clockwise,
+            rpm_ripple=config.simulation.rpm_ripple,
+        )
         self.motors = MotorEmulator(self.body, config.wheels)
         self.registers = build_imu_devices(self.body, config.imu, config.simulation, imu_rng)
 
     def memory_connector(self, clock: Callable[[], float]) -> MemoryConnector:
         """The devices at the config's addresses, inside this process."""
-        devices = {self._config.lrf.port: self.lrf, self._config.wheels.port: self.motors}
+        devices: dict[str, WireDevice] = {
+            self._config.lrf.port: self.lrf,
+            self._config.wheels.port: self.motors,
+        }
         return MemoryConnector(devices, self.registers, clock)
 
     async def pump(self, connector: MemoryConnector) -> None:

@@ -52,7 +52,7 @@ def result(**changes):
                     "heading_rad": 0.0,
                     "sector": {"centre_rad": 0.0, "half_width_rad": math.pi},
                     "neighbours": [1 - i],
-                    "gaps": [{"centroid_m": [0.5, 0.5], "width_m": math.inf, "state": "open"}],
+                    "gaps": [{"centroid": [0.5, 0.5], "width_m": math.inf, "state": "open"}],
                 }
                 for i in range(2)
             ]
