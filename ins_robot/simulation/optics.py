@@ -35,8 +35,8 @@ RANGE_GONE_M = 6.5
 _STRENGTH_AT_1_M = 900.0
 """Strength a white wall seen squarely at 1 m would give; near ones saturate below it."""
 _STRENGTH_MAX = 1000.0
-_STRENGTH_LOST = 5
-"""At this strength half of the beams are lost: a fair wall at 4 m seen at 80 deg."""
+_STRENGTH_LOST = 5.0
+"""At this strength half of the beams are lost: a fair wall at 4 m seen at 81 deg."""
 _LOSS_STEEPNESS = 3
 _WEAK_FACING = 0.12
 """The warning: strength under this share of what is expected at that distance."""
