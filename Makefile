@@ -14,6 +14,7 @@ help: ## list the targets
 	@sed -n 's/^\([a-z]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 10
 
 install: $(VENV)/.installed ## the virtual environment with ins-robot in it
+	@$(BIN)/python -m compileall -q ins_robot # the service may not write beside the code
 
 dev: $(VENV)/.installed-dev ## the same with the tools for development
 
