@@ -17,6 +17,7 @@ from ins_robot.config import Config, load, reference_toml
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCUMENTS = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md"))]
+SUFFIXES = {"py", "md", "toml", "sock", "png", "pgm", "yaml"}
 PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 
 
@@ -45,7 +46,7 @@ def test_documents_name_only_options_that_exist(document: Path) -> None:
     """`section.key` in backticks is an option, when `section` is a section."""
     config = Config()
     for section, key in re.findall(r"`([a-z]+)\.([a-z_]+)(?=[`= ])", document.read_text()):
-        if hasattr(config, section) and key not in ("py", "md", "toml", "sock"):
+        if hasattr(config, section) and key not in SUFFIXES:
             assert hasattr(getattr(config, section), key), f"{section}.{key}"
 
 
@@ -135,6 +136,6 @@ def test_every_source_file_carries_its_licence() -> None:
     bare = [
         str(path.relative_to(ROOT))
         for path in files
-        if not path.read_text().startswith("# SPDX-License-Identifier: MIT\n")
+        if not re.match(r"(#!.*\n)?# SPDX-License-Identifier: MIT\n", path.read_text())
     ]
     assert not bare
