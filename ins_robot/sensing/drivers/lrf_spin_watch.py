@@ -15,7 +15,8 @@ import numpy as np
 from ins_robot.config import LrfConfig
 from ins_robot.sensing.drivers.lrf_codec import BEAMS_PER_TURN, PacketBatch
 
-TOO_SLOW_CODES = (0x22, 0x52)  # every beam at 183-207 rpm; every beam at 167 rpm and below
+SLOW_CODE = 0x22  # seen at 183-207 rpm
+VERY_SLOW_CODE = 0x52  # every beam at 167 rpm and below
 SILENCE_MAX_S = 0.5
 TOO_SLOW_MAX_S = 2.0
 _SHARE_MAX = 0.5  # "most beams"
@@ -62,8 +63,9 @@ class SpinWatch:
         """Take note of packets that just came; `rpm` is the filtered speed."""
         if not len(batch):
             return
-        slow = int(np.isin(batch.error_code, TOO_SLOW_CODES).sum())
-        beams = batch.error_code.size
+        codes = batch.error_code
+        slow = int(np.count_nonzero((codes == SLOW_CODE) | (codes == VERY_SLOW_CODE)))
+        beams = codes.size
         self._rpm = rpm
         if self._heard_s is None or slow < _SHARE_MAX * beams:
             self._usable_s = now_s

@@ -11,15 +11,18 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from collections import deque
+from itertools import groupby
 
 import numpy as np
 
 from ins_robot.geometry.angles import wrap_rad
 from ins_robot.sensing.drivers.lrf_codec import (
     BEAMS_PER_PACKET,
+    BEAMS_PER_TURN,
     DISTANCE_MAX_MM,
     PACKET_BYTES,
     PACKET_LINE_TIME_S,
+    PACKETS_PER_TURN,
     encode_packets,
 )
 from ins_robot.simulation.emulators.lrf_controller import (
@@ -48,7 +51,10 @@ _CUT_BYTES = 7  # of a packet, when the sensor restarts in its middle
 _STALL_CHECK_S = 0.2
 _STALL_PWM = 1000.0
 _STALL_CHECKS_MAX = 10
-_BEAM_STEPS = np.arange(BEAMS_PER_PACKET - 1, -1, -1.0)  # a packet's beams, back from the last
+_BEAMS_BACK = np.arange(BEAMS_PER_PACKET - 1, -1, -1.0)  # a packet's beams, from its last one
+
+# distance_mm, strength, is_invalid, is_weak, error_code as in `PacketBatch`, each (n, 4)
+Readings = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
 
 class LrfEmulator:
@@ -83,8 +89,9 @@ class LrfEmulator:
         very_slow_rpm: float = VERY_SLOW_RPM,
     ) -> None:
         self._optics = optics
-        self._yaw_rad = yaw_rad
-        self._direction = -1.0 if is_clockwise else 1.0
+        turned_rad = np.radians(np.arange(float(BEAMS_PER_TURN)))
+        bearings_rad = wrap_rad(yaw_rad + (-turned_rad if is_clockwise else turned_rad))
+        self._bearings_rad = bearings_rad.reshape(PACKETS_PER_TURN, BEAMS_PER_PACKET)
         self._slow_rpm = slow_rpm
         self._very_slow_rpm = min(very_slow_rpm, slow_rpm)
         self._controller = LidarController()
@@ -151,40 +158,50 @@ class LrfEmulator:
     def _measure(self, full: list[DuePacket]) -> None:
         """Look along the beams of these packets, and queue or print what is seen."""
         controller = self._controller
-        if not (controller.is_raw or controller.shows_dist):
-            self._print_turns(full)
-            return
-        full_s, index, rpm, beam_s = (np.array(column) for column in zip(*full, strict=True))
-        shape = (len(full), BEAMS_PER_PACKET)
-        range_m = np.full(shape, np.nan)
-        code = np.full(shape, _SLOW_CODE, dtype=np.int64)
-        strength = np.full(shape, _SLOW_STRENGTH, dtype=np.int64)
-        is_weak = np.zeros(shape, dtype=bool)
-        code[rpm < self._very_slow_rpm] = _VERY_SLOW_CODE
-        strength[rpm < self._very_slow_rpm] = _VERY_SLOW_STRENGTH
-        sees = rpm >= self._slow_rpm
-        if sees.any():
-            stamps_s = full_s[sees, None] - _BEAM_STEPS * beam_s[sees, None]
-            beams = BEAMS_PER_PACKET * index[sees, None] + (BEAMS_PER_PACKET - 1 - _BEAM_STEPS)
-            bearings_rad = wrap_rad(self._yaw_rad + self._direction * np.radians(beams))
-            seen = self._optics.measure(stamps_s.ravel(), bearings_rad.ravel())
-            range_m[sees] = seen.range_m.reshape(-1, BEAMS_PER_PACKET)
-            code[sees] = seen.error_code.reshape(-1, BEAMS_PER_PACKET)
-            strength[sees] = seen.strength.reshape(-1, BEAMS_PER_PACKET)
-            is_weak[sees] = seen.is_weak.reshape(-1, BEAMS_PER_PACKET)
-        is_invalid = ~(range_m * 1e3 < DISTANCE_MAX_MM)
-        code[is_invalid & np.isfinite(range_m)] = _TOO_FAR_CODE
-        distance_mm = np.rint(np.where(is_invalid, 0.0, range_m * 1e3)).astype(np.int64)
-        is_weak &= ~is_invalid
-        if controller.is_raw:
-            code[~is_invalid] = 0
-            self._sending += encode_packets(
-                index, rpm, distance_mm, strength, is_invalid, is_weak, code
-            )
-            self._sending_full_s += full_s.tolist()
-        if controller.shows_dist:
-            self._print_distances(index, distance_mm, strength, is_invalid, is_weak)
+        if controller.is_raw or controller.shows_dist:
+            for sees, run in groupby(full, lambda packet: packet.rpm >= self._slow_rpm):
+                packets = list(run)
+                index = np.array([packet.place for packet in packets])
+                readings = self._look(packets, index) if sees else self._fail(packets)
+                if controller.is_raw:
+                    rpm = np.array([packet.rpm for packet in packets])
+                    self._sending += encode_packets(index, rpm, *readings)
+                    self._sending_full_s += [packet.full_s for packet in packets]
+                if controller.shows_dist:
+                    self._print_distances(index, *readings[:4])
         self._print_turns(full)
+
+    def _look(self, packets: list[DuePacket], index: np.ndarray) -> Readings:
+        """What n packets' beams see, each (n, 4); one call to the optics."""
+        full_s = np.array([packet.full_s for packet in packets])
+        beam_s = np.array([packet.beam_s for packet in packets])
+        stamps_s = full_s[:, None] - beam_s[:, None] * _BEAMS_BACK
+        shape = stamps_s.shape
+        seen = self._optics.measure(stamps_s.ravel(), self._bearings_rad[index].ravel())
+        range_mm = 1e3 * seen.range_m
+        is_invalid = ~(range_mm <= DISTANCE_MAX_MM)  # also NaN
+        distance_mm = np.rint(np.where(is_invalid, 0.0, range_mm)).astype(np.int64)
+        code = np.where(np.isnan(range_mm), seen.error_code, _TOO_FAR_CODE) * is_invalid
+        return (
+            distance_mm.reshape(shape),
+            seen.strength.reshape(shape),
+            is_invalid.reshape(shape),
+            (seen.is_weak & ~is_invalid).reshape(shape),
+            code.reshape(shape),
+        )
+
+    def _fail(self, packets: list[DuePacket]) -> Readings:
+        """The same of a rotor that is too slow to see by."""
+        is_very = np.array([[packet.rpm < self._very_slow_rpm] for packet in packets])
+        none = np.zeros((len(packets), BEAMS_PER_PACKET), dtype=np.int64)
+        is_invalid = np.ones(none.shape, dtype=bool)
+        return (
+            none,
+            none + np.where(is_very, _VERY_SLOW_STRENGTH, _SLOW_STRENGTH),
+            is_invalid,
+            ~is_invalid,
+            none + np.where(is_very, _VERY_SLOW_CODE, _SLOW_CODE),
+        )
 
     def _send_until(self, now_s: float) -> None:
         """Move to the outbox what the sensor's line has carried by now."""
@@ -208,12 +225,8 @@ class LrfEmulator:
     def _restart_sensor(self) -> None:
         """Stopped: it breaks off a packet and prints its banner, once (in fact: in a loop)."""
         if self._controller.is_raw:
-            none = np.zeros((1, BEAMS_PER_PACKET), dtype=np.int64)
-            is_invalid = np.ones((1, BEAMS_PER_PACKET), dtype=bool)
-            packet = encode_packets(
-                none[:, 0], np.array([self._reported_rpm]), none, none + _VERY_SLOW_STRENGTH,
-                is_invalid, ~is_invalid, none + _VERY_SLOW_CODE,
-            )  # fmt: skip
+            cut = DuePacket(0.0, 0, self._reported_rpm, 0.0)
+            packet = encode_packets(np.array([0]), np.array([cut.rpm]), *self._fail([cut]))
             self._outbox += self._sending[self._sent :] + packet[:_CUT_BYTES] + BANNER
         self._drop_sending()
 
