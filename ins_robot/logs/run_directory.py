@@ -27,7 +27,7 @@ MAP_PNG, MAP_PGM, MAP_YAML = "map.png", "map.pgm", "map.yaml"
 TRAJECTORY, TRUTH, GRAPH, SUMMARY = "trajectory.tum", "truth.tum", "graph.json", "summary.json"
 
 MARGIN_CELLS = 4
-OPEN_STATES = frozenset({"unexplored", "open"})
+UNEXPLORED = "unexplored"
 
 
 def prepare_directory(path: Path) -> None:

@@ -1,0 +1,157 @@
+# SPDX-License-Identifier: MIT
+"""SLAM on a foreign log: its scans and odometry in, a run's result out.
+
+Every record of the log gets its line in the trajectory, with the log's own stamp; corrections
+reach the whole past. The order of records is the order of time: stamps may go back.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from ins_robot.config import Config
+from ins_robot.core.run_result import RunResult, RunState, path_length_m
+from ins_robot.core.trajectory import Anchor, correct
+from ins_robot.errors import InputError
+from ins_robot.estimation.slam import Slam
+from ins_robot.geometry.angles import FloatArray
+from ins_robot.geometry.pose2 import Pose2
+from ins_robot.logs.peak_memory import peak_rss_mb
+from ins_robot.logs.sensor_log import LogRecord, SensorLog
+
+Progress = Callable[[float], None]
+
+
+def replay_log(
+    log: SensorLog,
+    config: Config,
+    name: str,
+    rng: np.random.Generator,
+    clock: Callable[[], float],
+    progress: Progress,
+) -> RunResult:
+    """Run SLAM over a log.
+
+    Parameters
+    ----------
+    log : SensorLog
+        As read; see its `without_odometry` and `with_every`.
+    clock : callable
+        Tells seconds for the cost figures; does not influence the result.
+    progress : callable
+        Is told the share done, 0 to 1, after each scan.
+
+    Raises
+    ------
+    InputError
+        If the log has no scan.
+    """
+    begun_s = clock()
+    slam = Slam(config.slam, config.map, log.base_from_lrf, rng, log.range_trusted_m)
+    slam_ms: list[float] = []
+    scan_rows: list[int] = []
+    last = log.records[0]
+    since_scan = _Way(last)
+    for row, record in enumerate(log.records):
+        since_scan.add(record)
+        if record.scan is None:
+            continue
+        motion = log.motion_model.increment(
+            last, record, since_scan.length_m, since_scan.turn_rad
+        )
+        step_begun_s = clock()
+        slam.step(record.scan, motion, None)
+        slam_ms.append(1e3 * (clock() - step_begun_s))
+        scan_rows.append(row)
+        last, since_scan = record, _Way(record)
+        progress((row + 1) / len(log.records))
+    if not scan_rows:
+        raise InputError(f"{name}: the log has no scan")
+
+    stamps_s = np.array([record.stamp_s for record in log.records])
+    odom_from_base = np.array([record.odom_from_base.as_array() for record in log.records])
+    map_from_base = corrected_by(slam, scan_rows, odom_from_base)
+    has_odometry = bool(np.any(odom_from_base))
+    duration_s = float(stamps_s.max() - stamps_s.min())
+    return RunResult(
+        name=name,
+        state=RunState.COMPLETE,
+        reason=f"end of the {log.kind}",
+        grid=slam.grid,
+        stamps_s=stamps_s,
+        map_from_base=map_from_base,
+        graph=node_chain(slam),
+        robot_radius_m=log.robot_radius_m,
+        duration_s=duration_s,
+        path_length_m=path_length_m(odom_from_base if has_odometry else map_from_base),
+        scans=len(scan_rows),
+        nodes=len(slam.nodes),
+        loop_closures=slam.loop_closures,
+        lrf_on_s=duration_s,
+        ins_ms_total=0.0,
+        wall_time_s=clock() - begun_s,
+        peak_rss_mb=peak_rss_mb(),
+        slam_ms=slam_ms,
+    )
+
+
+class _Way:
+    """How far the odometry went, step by step, since a record."""
+
+    def __init__(self, start: LogRecord) -> None:
+        self.length_m = 0.0
+        self.turn_rad = 0.0
+        self._last = start.odom_from_base
+
+    def add(self, record: LogRecord) -> None:
+        """One record further."""
+        step = self._last.between(record.odom_from_base)
+        self.length_m += Pose2().distance_m(step)
+        self.turn_rad += abs(step.heading_rad)
+        self._last = record.odom_from_base
+
+
+def corrected_by(
+    slam: Slam, scan_rows: Sequence[int], odom_from_base: FloatArray
+) -> FloatArray:
+    """(N, 3) map_from_base of all rows, by what SLAM says now of the rows with scans.
+
+    Rows take the place of stamps, which in a log may repeat and go back.
+    """
+    nodes = slam.node_poses
+    anchors = [
+        Anchor(
+            stamp_s=float(row),
+            odom_from_base=Pose2.from_array(odom_from_base[row]),
+            map_from_base=Pose2.from_array(nodes[anchor.node_id]) @ anchor.node_from_base,
+        )
+        for row, anchor in zip(scan_rows, slam.anchors, strict=True)
+    ]
+    return correct(np.arange(len(odom_from_base), dtype=np.float64), odom_from_base, anchors)
+
+
+def node_chain(slam: Slam) -> dict[str, Any]:
+    """graph.json of a log: SLAM's nodes, each the neighbour of those before and after it.
+
+    A log's robot was not ours to explore with, so there are no gaps.
+    """
+    nodes = slam.nodes
+    graph = []
+    for node in nodes:
+        bearings_rad = node.scan.bearings_rad
+        graph.append(
+            {
+                "id": node.id,
+                "stamp_s": node.stamp_s,
+                "x_m": node.pose.x_m,
+                "y_m": node.pose.y_m,
+                "heading_rad": node.pose.heading_rad,
+                "sector": [float(bearings_rad.min()), float(bearings_rad.max())],
+                "neighbours": [i for i in (node.id - 1, node.id + 1) if 0 <= i < len(nodes)],
+                "gaps": [],
+            }
+        )
+    return {"nodes": graph}
