@@ -66,6 +66,10 @@ class Pilot:
         self.velocity = VelocityCommand()
         self.standing.set()
 
+    def start_from_rest(self) -> None:
+        """Something else has stopped the wheels; the next commands ramp up from zero."""
+        self._limits.reset()
+
     def release(self) -> None:
         """End `stop_now`."""
         self.is_stopped = False

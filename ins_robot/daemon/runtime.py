@@ -27,7 +27,7 @@ from ins_robot.daemon.pilot import Pilot
 from ins_robot.daemon.pipeline import Pipeline
 from ins_robot.daemon.supervisor import StopLatch, Supervisor
 from ins_robot.daemon.systemd_notify import SystemdNotifier
-from ins_robot.errors import StateError
+from ins_robot.errors import RobotError, StateError
 from ins_robot.logs.journal import JOURNAL_NAME, JournalHeader, JournalWriter
 from ins_robot.logs.memory import peak_rss_mb
 from ins_robot.logs.run_directory import write_run
@@ -36,6 +36,7 @@ from ins_robot.sensing.ports import Connector
 log = logging.getLogger(__name__)
 
 FLUSH_PERIOD_S = 1.0
+HOST_WAS_LATE = "dead_man"  # the one fault that is ours to clear
 
 T = TypeVar("T")
 Annotate = Callable[[RunResult], RunResult]
@@ -188,7 +189,19 @@ class Robot:
         self.pilot.release()
 
     def _on_fault(self, fault: str) -> None:
-        self.stop_motors(f"motor controller: {fault}")
+        if fault == HOST_WAS_LATE:
+            self.health.count(fault)
+            self.supervisor.add_task("re-arm", self._go_on)
+        else:
+            self.stop_motors(f"motor controller: {fault}")
+
+    async def _go_on(self) -> None:
+        """The wheels stopped because this process was late, not because of the world."""
+        self.pilot.start_from_rest()
+        try:
+            await self.pipeline.motors.rearm()
+        except RobotError as error:
+            self.stop_motors(str(error))
 
     # ---------------------------------------------------------------- housekeeping
 
