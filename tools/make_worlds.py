@@ -159,7 +159,7 @@ def clutter() -> Plan:
 
 
 def office() -> Plan:
-    """A corridor with eight offices, a meeting room and a reception, furnished."""
+    """A corridor with eight furnished rooms."""
     plan = Plan(15.2, 10.2, (2.2, 5.2, 0.0))
     plan.room(0.2, 4.3, 15.0, 6.1)  # corridor
     walls = (0.1, 3.9, 7.6, 11.3, 15.1)

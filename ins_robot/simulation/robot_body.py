@@ -33,7 +33,9 @@ _CONTACT_ENDS_S = 0.5
 """A body free for this long touches anew; contacts closer in time are one collision."""
 _BUMPER_GAP_M = 0.002
 """How far the body must be off the wall for the bumper to open again."""
-_PUSHES = 4
+_GRAZE_M = 1e-6
+"""Nearer to a wall than the body's radius by less is touching, not entering it."""
+_PUSHES = 5
 _BATTERY_FULL_V = 12.4
 _BATTERY_DROP_V_PER_H = 0.3
 _STANDS_RADPS = 1e-6
@@ -210,6 +212,8 @@ class RobotBody:
             self._move(dt_s)
         else:
             self._twist_world = (0.0, 0.0, 0.0)
+            if self._is_touching:
+                self._touched_s = self._now_s
         self._history.append(self._now_s, (self._x_m, self._y_m, self._heading_rad))
 
     def _turn_wheels(self, dt_s: float, duties: Triple) -> bool:
@@ -265,20 +269,15 @@ class RobotBody:
             return x, y
         for _ in range(_PUSHES):
             wall = clearance.nearest_wall(x, y)
-            if wall.distance_m >= radius:
-                break
+            if wall.distance_m >= radius - _GRAZE_M:
+                self._is_touching &= wall.distance_m <= radius + _BUMPER_GAP_M
+                return x, y
             self._touch()
             if wall.distance_m == 0.0:
-                return self._x_m, self._y_m
+                break
             push = radius / wall.distance_m
             x, y = wall.x_m + (x - wall.x_m) * push, wall.y_m + (y - wall.y_m) * push
-        else:
-            wall = clearance.nearest_wall(x, y)
-            if wall.distance_m < radius - 1e-6:
-                return self._x_m, self._y_m
-        if wall.distance_m > radius + _BUMPER_GAP_M:
-            self._is_touching = False
-        return x, y
+        return self._x_m, self._y_m
 
     def _touch(self) -> None:
         self._is_touching = True
