@@ -41,7 +41,7 @@ class RunResult:
     graph : mapping
         JSON values for graph.json, as `navigation.explorer.Explorer.as_json` gives them:
         {"nodes": [{"id", "stamp_s", "x_m", "y_m", "heading_rad", "sector", "neighbours",
-        "gaps": [{"centroid": [x, y], "width_m", "state"}]}]}.
+        "gaps": [{"centroid", "ends": [[x, y], [x, y]], "width_m", "state"}]}]}.
     path_length_m : float
         Way driven, by odometry.
     lrf_on_s : float

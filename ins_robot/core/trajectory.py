@@ -107,4 +107,5 @@ def _share_of_way(
     # No way between two anchors: without odometry, or standing; then time has to do.
     pause_s = anchor_stamps_s[second] - anchor_stamps_s[first]
     elapsed_s = np.clip(stamps_s - anchor_stamps_s[first], 0.0, pause_s)
-    return np.divide(elapsed_s, pause_s, out=share, where=(span <= 0.0) & (pause_s > 0.0))
+    np.divide(elapsed_s, pause_s, out=share, where=(span <= 0.0) & (pause_s > 0.0))
+    return share

@@ -127,11 +127,7 @@ def picture_of(result: RunResult) -> MapPicture:
         if other in rows
     }
     gaps = [
-        GapMark(
-            x_m=gap["centroid"][0],
-            y_m=gap["centroid"][1],
-            is_open=gap["state"] in OPEN_STATES,
-        )
+        GapMark(ends_m=np.array(gap["ends"]), is_open=gap["state"] == UNEXPLORED)
         for node in nodes
         for gap in node["gaps"]
     ]

@@ -50,10 +50,9 @@ _TEXT_PX = 15
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GapMark:
-    """A gap to be drawn: its centroid, and whether the robot might still go there."""
+    """A gap to be drawn: its ends (2, 2), and whether it is still to be explored."""
 
-    x_m: float
-    y_m: float
+    ends_m: FloatArray
     is_open: bool
 
 
@@ -177,17 +176,18 @@ def _draw_things(overlay: Image, picture: MapPicture, frame: Frame) -> None:
     nodes = at(picture.nodes_m)
     for a, b in picture.links:
         draw.line([nodes[a], nodes[b]], fill=_LINK, width=SMOOTH)
+    for gap in sorted(picture.gaps, key=lambda gap: gap.is_open):
+        colour = _OPEN_GAP if gap.is_open else _CLOSED_GAP
+        draw.line(at(gap.ends_m), fill=colour, width=(3 if gap.is_open else 1) * SMOOTH)
+        x, y = at(gap.ends_m.mean(axis=0))[0]
+        size = (5.5 if gap.is_open else 2.5) * SMOOTH
+        draw.polygon([(x - size, y), (x, y - size), (x + size, y), (x, y + size)], fill=colour)
     way = at(_thinned(picture.way_m, 1.0 / frame.px_per_m))
     if len(way) > 1:
         draw.line(way, fill=_WAY, width=2 * SMOOTH, joint="curve")
     is_crowded = len(nodes) > 150  # noqa: PLR2004 - then smaller marks read better
     for x, y in nodes:
         disc(x, y, (2.0 if is_crowded else 3.5) * SMOOTH, _NODE, 0.0 if is_crowded else SMOOTH)
-    for gap in sorted(picture.gaps, key=lambda gap: gap.is_open):
-        x, y = at(np.array([gap.x_m, gap.y_m]))[0]
-        size = (5.5 if gap.is_open else 3.5) * SMOOTH
-        colour = _OPEN_GAP if gap.is_open else _CLOSED_GAP
-        draw.polygon([(x - size, y), (x, y - size), (x + size, y), (x, y + size)], fill=colour)
     if len(way):
         disc(*way[0], 5.0 * SMOOTH, _START, 1.5 * SMOOTH)
     if picture.robot is not None:
@@ -274,7 +274,7 @@ def _legend(picture: MapPicture) -> list[tuple[str, tuple[int, int, int], str]]:
     if any(gap.is_open for gap in picture.gaps):
         entries.append(("diamond", _OPEN_GAP, "unexplored gap"))
     if any(not gap.is_open for gap in picture.gaps):
-        entries.append(("diamond", _CLOSED_GAP, "explored or too narrow"))
+        entries.append(("diamond", _CLOSED_GAP, "other gap"))
     return entries
 
 

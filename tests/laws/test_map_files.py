@@ -188,7 +188,7 @@ def test_things_are_drawn_where_they_are():
     drawn = draw_map(
         MapPicture(
             grid=room(),
-            gaps=[GapMark(x_m=1.0, y_m=2.0, is_open=True)],
+            gaps=[GapMark(ends_m=np.array([[0.9, 2.0], [1.1, 2.0]]), is_open=True)],
             nodes_m=np.array([[-1.0, 0.0]]),
         )
     )

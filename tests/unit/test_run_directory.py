@@ -26,6 +26,9 @@ REQUIRED = {
 }
 
 
+GAP = {"ends": [[0.5, 0.5], [0.7, 0.5]], "width_m": math.inf, "state": "unexplored"}
+
+
 def result(**changes):
     is_free = np.zeros((64, 64), dtype=bool)
     is_free[20:40, 20:50] = True
@@ -52,7 +55,7 @@ def result(**changes):
                     "heading_rad": 0.0,
                     "sector": {"centre_rad": 0.0, "half_width_rad": math.pi},
                     "neighbours": [1 - i],
-                    "gaps": [{"centroid": [0.5, 0.5], "width_m": math.inf, "state": "open"}],
+                    "gaps": [GAP],
                 }
                 for i in range(2)
             ]
