@@ -34,6 +34,13 @@ STD_MAX_M = 0.06  # of the weakest direction: a closure that slides is none
 CONFIRMATIONS = 2  # later closures that must agree
 AGREE_M = 0.2
 AGREE_RAD = math.radians(2.5)
+OLD_M = 15.0  # nodes this much driving ago are checked on their own, though linked
+RECHECK_RADIUS_M = 5.0
+RECHECK_NODES_MIN = 2
+RECHECK_M = 0.4
+RECHECK_RAD = math.radians(4.0)
+SETTLED_M = 0.02
+SETTLED_RAD = math.radians(0.4)
 PATIENCE = 4  # nodes within which they must
 
 
@@ -45,6 +52,14 @@ class Closure:
     pose: FloatArray
     match: Alignment
     correction: FloatArray  # map_new_from_map_old at the node, (3,)
+
+    @property
+    def is_settled(self) -> bool:
+        """Whether the map agreed already."""
+        return self.moved_m < SETTLED_M and self.turned_rad < SETTLED_RAD
+
+    moved_m: float
+    turned_rad: float
 
 
 class LoopCloser:
@@ -58,10 +73,12 @@ class LoopCloser:
         self, nodes: NodeMap, node: int, linked: list[int], scan: Surfels
     ) -> list[Closure]:
         """Closures that are certain now; most times none."""
-        found = self._search(nodes, node, linked, scan)
+        found = self._search(nodes, node, linked, scan) or self._recheck(nodes, node, linked, scan)
         self._pending = [c for c in self._pending if node - c.node <= PATIENCE]
         if found is None:
             return []
+        if found.is_settled:
+            return [found]
         agreeing = [c for c in self._pending if _agree(c, found)]
         self._pending.append(found)
         if len(agreeing) < CONFIRMATIONS:
@@ -84,12 +101,40 @@ class LoopCloser:
         centre = int(np.flatnonzero(is_candidate)[np.argmin(distance[is_candidate])])
         is_near = nodes.near(pose, LINK_RADIUS_M)
         is_near[linked] = False
-        field = nodes.local_field(nodes.graph.linked(centre, is_near), pose)
+        half_turn = min(TURN_RAD + TURN_PER_M * float(driven_m[centre]), TURN_MAX_RAD)
+        candidates = nodes.graph.linked(centre, is_near)
+        return self._fit(nodes, node, candidates, scan, float(drift[centre]), half_turn)
+
+    def _recheck(
+        self, nodes: NodeMap, node: int, linked: list[int], scan: Surfels
+    ) -> Closure | None:
+        """Does the old part of the linked map, taken alone, put the node where it is?"""
+        pose = nodes.graph.poses[node]
+        old = [
+            k
+            for k in linked
+            if nodes.travelled_m[node] - nodes.travelled_m[k] > OLD_M
+            and math.dist(nodes.graph.poses[k, :2], pose[:2]) < RECHECK_RADIUS_M
+        ]
+        if len(old) < RECHECK_NODES_MIN:
+            return None
+        return self._fit(nodes, node, old, scan, RECHECK_M, RECHECK_RAD)
+
+    def _fit(
+        self,
+        nodes: NodeMap,
+        node: int,
+        candidates: list[int],
+        scan: Surfels,
+        half_width_m: float,
+        half_turn_rad: float,
+    ) -> Closure | None:
+        pose = nodes.graph.poses[node].copy()
+        field = nodes.local_field(candidates, pose)
         if field is None:
             return None
         self.attempts += 1
-        half_turn = min(TURN_RAD + TURN_PER_M * float(driven_m[centre]), TURN_MAX_RAD)
-        best = search(field, scan, pose, float(drift[centre]), half_turn)
+        best = search(field, scan, pose, half_width_m, half_turn_rad)
         if best.value < VALUE_MIN or best.rival_value > RIVAL_RATIO_MAX * best.value:
             return None
         # a prior too weak to decide anything, only to keep the equations regular
@@ -100,7 +145,11 @@ class LoopCloser:
         if weakest < 1.0 / STD_MAX_M**2:
             return None
         correction = compose(match.pose, inverse(pose))
-        return Closure(node=node, pose=match.pose, match=match, correction=correction)
+        return Closure(
+            node=node, pose=match.pose, match=match, correction=correction,
+            moved_m=math.dist(match.pose[:2], pose[:2]),
+            turned_rad=abs(wrap_rad(float(match.pose[2] - pose[2]))),
+        )
 
 
 def _agree(one: Closure, other: Closure) -> bool:

@@ -15,12 +15,12 @@ from ins_robot.geometry.angles import FloatArray
 from ins_robot.geometry.pose2 import Pose2, compose
 from ins_robot.messages import MotionIncrement
 
-STILL_STD_M = 0.003
-STILL_STD_RAD = math.radians(0.1)
-STD_M_PER_M = 0.08
+STILL_STD_M = 0.01
+STILL_STD_RAD = math.radians(0.3)
+STD_M_PER_M = 0.15
 STD_M_PER_RAD = 0.02
-STD_RAD_PER_RAD = 0.08
-STD_RAD_PER_M = math.radians(2.0)
+STD_RAD_PER_RAD = 0.15
+STD_RAD_PER_M = math.radians(6.0)
 
 
 def odometry_covariance(delta: Pose2) -> FloatArray:

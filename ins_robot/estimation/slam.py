@@ -165,6 +165,8 @@ class Slam:
             return
         for closure in closures:
             self._nodes.link_match(closure.node, closure.pose, closure.match, is_closure=True)
+        if all(closure.is_settled for closure in closures):
+            return
         before = self._nodes.graph.poses[node].copy()
         self._nodes.graph.relax()
         self._estimator.carry(compose(self._nodes.graph.poses[node], inverse(before)))
