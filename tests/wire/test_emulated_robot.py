@@ -38,6 +38,10 @@ class Robot:
         done = self.say("status", "--json")
         return json.loads(done.stdout) if done.returncode == 0 else {"missing": ["daemon"]}
 
+    def peak_rss_mb(self) -> float:
+        lines = Path(f"/proc/{self.daemon.pid}/status").read_text().splitlines()
+        return next(int(line.split()[1]) for line in lines if "VmHWM" in line) / 1024.0
+
     def close(self) -> None:
         for process in (self.daemon, self.emulator):
             process.send_signal(signal.SIGTERM)
@@ -93,6 +97,7 @@ def test_a_run_from_start_to_map_in_real_time(robot: Robot, tmp_path: Path) -> N
     assert out.read_bytes().startswith(b"\x89PNG")
     assert robot.say("runs", "delete", "0001-lab").returncode == 0
     assert json.loads(robot.say("runs", "--json").stdout) == []
+    assert robot.peak_rss_mb() <= 150.0
     assert "Traceback" not in robot.log.read_text()
 
 
