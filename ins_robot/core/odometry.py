@@ -332,7 +332,7 @@ class Odometry:
         self._stamp_s = stamp_s
 
     def _on_field(self, field_gauss: tuple[float, float, float], stamp_s: float) -> None:
-        """Judge a field; once a stretch, let the mean of the accepted ones correct the heading."""
+        """Judge a field; after each stretch, let its mean bearing correct the heading."""
         state = self._kalman.state
         if not self._is_ready:
             self._seen["compass", self._compass.learn(field_gauss)] += 1

@@ -59,8 +59,7 @@ _BOTH_H = np.vstack([_WHEELS_H, _GYRO_H])
 
 
 class CentralKalman:
-    """Extended Kalman filter over x, y, heading (odom), vx, vy, yaw rate (base), gyro bias and
-    the bearing of the magnetic field (odom).
+    """Extended Kalman filter over pose, velocity, gyro bias and bearing of the magnetic field.
 
     The velocity in the state is the *mean* over the interval just predicted, which is what
     count differences and an integrated gyro measure. So `predict` carries the pose by the
@@ -184,7 +183,7 @@ class CentralKalman:
             ekf.x[State.FIELD_BEARING] = heading + direction_rad
             P[State.FIELD_BEARING, :] = P[State.HEADING, :]  # bearing = heading + direction
             P[:, State.FIELD_BEARING] = P[:, State.HEADING]
-            P[State.FIELD_BEARING, State.FIELD_BEARING] = P[State.HEADING, State.HEADING] + variance
+            P[State.FIELD_BEARING, State.FIELD_BEARING] += variance
             return
         PHT = P[:, State.FIELD_BEARING] - P[:, State.HEADING]
         K = PHT / (PHT[State.FIELD_BEARING] - PHT[State.HEADING] + variance)

@@ -101,7 +101,7 @@ class CompassGate:
 
     @property
     def bearing_rad(self) -> float | None:
-        """Mean bearing of the field in `odom` over the stretch; None when it is not to be used."""
+        """Mean bearing of the field in `odom` over the stretch; None: not to be used."""
         if self._first_rad is None or self._has_disagreed:
             return None
         return wrap_rad(self._first_rad + self._off_sum_rad / self._count)
@@ -119,8 +119,8 @@ class CompassGate:
         if self._learnt == 0:
             return self.learn(field_gauss)
         x, y, z = field_gauss
-        # Negated, so that NaN fails it.
-        if not abs(math.hypot(x, y, z) - self._norm_gauss) <= self._tolerance * self._norm_gauss:
+        off_gauss = abs(math.hypot(x, y, z) - self._norm_gauss)
+        if not off_gauss <= self._tolerance * self._norm_gauss:  # so that NaN fails
             is_number = all(map(math.isfinite, field_gauss))
             return FieldVerdict.NORM if is_number else FieldVerdict.IMPLAUSIBLE
         if math.hypot(x, y) < HORIZONTAL_MIN_GAUSS:
