@@ -38,16 +38,16 @@ def combine(
 ) -> LaserScan:
     """Beam-by-beam median of the revolutions at the set speed, from a robot that stands.
 
-    - The median is one of the readings (the lower one of two in the middle), never their
-      mean: at an edge that would be a wall where there is none.
-    - A reading agrees with the median within 4 standard deviations plus 2 % of the range. A
-      beam stays if at least two readings agree (one, when there is only one revolution) and
+    - A reading agrees when it is within 4 standard deviations plus 2 % of the range of the
+      median of the valid ones (the lower of two middle ones: their mean could be a wall where
+      there is none). The result is the median of those that agree.
+    - A beam stays if at least two readings agree (one, when there is only one revolution) and
       they are the majority of the beam's valid readings. A beam across an edge, or one that
       fell on a mixed pixel, jumps between revolutions and goes; a dark wall that answers in
       two revolutions of five stays. A distance seen once in five is not believed.
     - `valid_counts` tells how many readings agreed. `range_std_m` is the error floor plus the
-      larger of model and observed spread over the root of that count; the floor (quantisation,
-      calibration) does not average out.
+      larger of model and observed spread, as it averages out over that many; the floor
+      (quantisation, calibration) does not.
     - The stamp is the middle of the measurement; beam offsets are zero.
 
     Parameters
@@ -73,7 +73,7 @@ def combine(
         )
     ranges_m = np.stack([scan.ranges_m for scan in used])
     stds_m = np.stack([scan.range_std_m for scan in used])
-    median_m = _lower_median(ranges_m)
+    median_m, _ = _middle(ranges_m)
     gate_m = _AGREE_STDS * stds_m + _AGREE_SHARE * median_m
     agrees = np.abs(ranges_m - median_m) <= gate_m  # NaN agrees with nothing
     agree_counts = agrees.sum(axis=0)
@@ -82,19 +82,22 @@ def combine(
     )
     counts = np.where(is_kept, agree_counts, 0)
     divisor = np.maximum(counts, 1)
-    combined_m = np.where(is_kept, _lower_median(np.where(agrees, ranges_m, np.nan)), np.nan)
+    lower_m, upper_m = _middle(np.where(agrees, ranges_m, np.nan))
+    combined_m = np.where(is_kept, 0.5 * (lower_m + upper_m), np.nan)
     floor2 = config.range_std_floor_m**2
     model2 = np.where(agrees, stds_m * stds_m, 0.0).sum(axis=0) / divisor
     offsets_m = np.where(agrees, ranges_m - combined_m, 0.0)
     spread2 = (offsets_m * offsets_m).sum(axis=0) / divisor  # without the outliers: robust
-    noise2 = np.maximum(model2 - floor2, spread2)
+    # A median of n > 2 has at most pi / 2 times the variance of their mean.
+    share = np.where(counts > _WITNESSES_MIN, 0.5 * math.pi, 1.0) / divisor
+    std_m = np.sqrt(floor2 + share * np.maximum(model2 - floor2, spread2))
     last = used[-1]
     end_s = last.stamp_s + float(last.beam_offsets_s.max(initial=0.0))
     return LaserScan(
         stamp_s=0.5 * (used[0].stamp_s + end_s),
         bearings_rad=last.bearings_rad,
         ranges_m=combined_m,
-        range_std_m=np.sqrt(floor2 + noise2 / divisor),
+        range_std_m=np.where(is_kept, std_m, np.nan),
         beam_offsets_s=np.zeros(len(combined_m)),
         range_max_m=last.range_max_m,
         rpm=float(np.median([scan.rpm for scan in used])),
@@ -103,13 +106,14 @@ def combine(
     )
 
 
-def _lower_median(values: FloatArray) -> FloatArray:
-    """(B,) median down the columns of (R, B), the lower of two middle ones; NaN if all are."""
-    # Not np.nanmedian: that averages two middle ones, and warns of columns without any.
+def _middle(values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The two middle values of each column of (R, B), twice the same if odd; NaN if none."""
+    # Not np.nanmedian: that gives their mean only, and warns of columns without any.
     ordered = np.sort(values, axis=0)  # NaN last
-    middle = np.maximum(np.isfinite(values).sum(axis=0) - 1, 0) // 2
-    median: FloatArray = np.take_along_axis(ordered, middle[None, :], axis=0)[0]
-    return median
+    counts = np.isfinite(values).sum(axis=0)
+    lower = np.take_along_axis(ordered, np.maximum(counts - 1, 0)[None, :] // 2, axis=0)[0]
+    upper = np.take_along_axis(ordered, counts[None, :] // 2, axis=0)[0]
+    return lower, upper
 
 
 def select_sector(scan: LaserScan, centre_rad: float, half_width_rad: float) -> LaserScan:
