@@ -99,9 +99,12 @@ class ControlSocket:
         try:
             if len(self._connections) > CLIENTS_MAX:
                 await self._reply(writer, _error(f"more than {CLIENTS_MAX} clients at a time"))
-                return
-            while line := await self._next_line(reader, writer):
-                await self._reply(writer, await self._answer(line))
+            else:
+                while line := await self._next_line(reader, writer):
+                    await self._reply(writer, await self._answer(line))
+            async with asyncio.timeout(self._reply_timeout_s):
+                writer.close()  # what is still in the buffer goes out first
+                await writer.wait_closed()
         except TimeoutError:
             log.debug("control socket: a client was too slow and is disconnected")
         except (ConnectionError, asyncio.CancelledError):
@@ -130,12 +133,11 @@ class ControlSocket:
             request = protocol.decode_request(line)
         except WireError as error:
             return protocol.encode_error(error)
-        outcome = await outcome_of(
-            protocol.dispatch(request, self._commands), f"command '{request.command}'"
-        )
-        if isinstance(outcome, RobotError):
-            return protocol.encode_error(outcome)
-        return protocol.encode_result(outcome)
+        outcome = await outcome_of(self._carry_out(request), f"command '{request.command}'")
+        return protocol.encode_error(outcome) if isinstance(outcome, RobotError) else outcome
+
+    async def _carry_out(self, request: protocol.Request) -> bytes:
+        return protocol.encode_result(await protocol.dispatch(request, self._commands))
 
     async def _reply(self, writer: asyncio.StreamWriter, reply: bytes) -> None:
         async with asyncio.timeout(self._reply_timeout_s):

@@ -29,6 +29,7 @@ class FakeRobot:
         self.gate: asyncio.Event | None = None
         self.stopping: asyncio.Event | None = None
         self.bug: Exception | None = None
+        self.extra_status: dict[str, Any] = {}
 
     async def start(self, name: str) -> str:
         self.calls.append(("start", name))
@@ -59,7 +60,8 @@ class FakeRobot:
         self.calls.append("status")
         if self.bug is not None:
             raise self.bug
-        return {"state": "exploring", "pose": {"x_m": 1.25, "heading_rad": float("nan")}}
+        pose = {"x_m": 1.25, "heading_rad": float("nan")}
+        return {"state": "exploring", "pose": pose, **self.extra_status}
 
     async def map(self, format: str) -> bytes:
         self.calls.append(("map", format))

@@ -137,6 +137,11 @@ def test_a_picture_is_not_sent_to_a_terminal(robot: FakeRobot) -> None:
     assert robot.calls == []
 
 
+def test_map_to_a_device_leaves_the_device_there(robot: FakeRobot) -> None:
+    assert main(["map", "-o", os.devnull]) == 0
+    assert Path(os.devnull).is_char_device()
+
+
 def test_a_map_that_cannot_be_written_is_one_clear_error(
     robot: FakeRobot, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -127,6 +127,24 @@ def test_a_request_without_end_is_refused_and_not_carried_out(tmp_path: Path) ->
     assert robot.calls == []
 
 
+def test_a_client_that_has_said_all_still_gets_the_whole_reply(tmp_path: Path) -> None:
+    """As `nc -N` does: the request, end of file, and only then reading."""
+    path, robot = tmp_path / "s", FakeRobot()
+    robot.maps["png"] = bytes(range(256)) * 4000
+
+    async def scenario() -> None:
+        reader, writer = await asyncio.open_unix_connection(path, limit=1024)
+        writer.write(b'{"v":1,"command":"map","arguments":{"format":"png"}}\n')
+        writer.write_eof()
+        received = b""
+        while piece := await reader.read(1000):
+            received += piece
+        writer.close()
+        assert protocol.decode_map(protocol.decode_reply(received)) == robot.maps["png"]
+
+    with_socket(path, robot, scenario)
+
+
 def test_a_refusal_of_the_robot_comes_back_by_kind(tmp_path: Path) -> None:
     path = tmp_path / "s"
 
@@ -137,6 +155,18 @@ def test_a_refusal_of_the_robot_comes_back_by_kind(tmp_path: Path) -> None:
             protocol.decode_reply(json.dumps(reply).encode())
 
     with_socket(path, FakeRobot(), scenario)
+
+
+def test_a_result_that_is_no_json_is_told_and_survived(tmp_path: Path) -> None:
+    path, robot = tmp_path / "s", FakeRobot()
+    robot.extra_status = {"object": object()}
+
+    async def scenario() -> None:
+        first, second = await ask(path, STATUS, STOP)
+        assert "internal error" in first["error"]["message"]
+        assert second["ok"] is True
+
+    with_socket(path, robot, scenario)
 
 
 def test_a_bug_in_a_command_is_told_logged_and_survived(
