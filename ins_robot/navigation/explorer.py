@@ -9,6 +9,7 @@ Scan, pose and map in; `Drive` or `Finished` out. Pure: same calls, same answers
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -16,7 +17,7 @@ import numpy as np
 
 from ins_robot.config import ExplorationConfig, LrfConfig, RobotConfig
 from ins_robot.errors import StateError
-from ins_robot.geometry.angles import FloatArray
+from ins_robot.geometry.angles import FloatArray, wrap_rad
 from ins_robot.geometry.pose2 import Pose2
 from ins_robot.mapping.occupancy_grid import OccupancyGrid
 from ins_robot.messages import LaserScan, PlannedPath
@@ -27,11 +28,13 @@ from ins_robot.navigation.node_graph import Node, NodeGraph
 from ins_robot.navigation.planner import plan_through
 from ins_robot.navigation.strategies import Candidate, Situation, make_strategy
 from ins_robot.navigation.terrain import BodyRules, Terrain, survey_terrain
-from ins_robot.navigation.unseen import BarrenEdges, Unseen, survey_unseen
-from ins_robot.navigation.viewpoint import find_viewpoint
+from ins_robot.navigation.unseen import SIGHT_M, BarrenEdges, Unseen, survey_unseen
+from ins_robot.navigation.viewpoint import Viewpoint, find_viewpoint
 
 MOVED_SHARE = 0.5  # a scan that leaves more than this share of its edges where they were: in vain
 GAIN_MIN_M2 = 0.03  # a scan that can show less adds nothing
+SAME_PLACE_M = 0.12  # a scan this near to an earlier one shows the same
+MOVED_M = 0.02  # a node corrected by more: the map is looked at again everywhere
 FAILURES_MAX = 2  # a goal refused this often is given up
 
 
@@ -76,6 +79,14 @@ class _Aim:
     targets_m: FloatArray
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Shown:
+    """What showed from a gap when the newest node was `at_node`."""
+
+    at_node: int
+    targets_m: FloatArray
+
+
 @dataclass(slots=True, kw_only=True)
 class _Scene:
     """One decision's view of the world; `targets` holds the gaps worth driving to."""
@@ -110,6 +121,7 @@ class Explorer:
         self._aim: _Aim | None = None
         self._scanned_aim: _Aim | None = None
         self._refused_m: list[FloatArray] = []
+        self._shown: dict[tuple[int, int], _Shown] = {}
         self._is_new_node = False
 
     # Steps 01 and 02: a node here; gaps and walls told apart.
@@ -150,7 +162,10 @@ class Explorer:
                 f"relocate: {len(poses)} poses for {len(self.graph)} observed nodes"
             )
         for node, pose in zip(self.graph.nodes, poses, strict=True):
-            node.pose = Pose2.from_array(pose)
+            moved = Pose2.from_array(pose)
+            if moved.distance_m(node.pose) > MOVED_M:
+                self._shown.clear()  # the map has moved as well
+            node.pose = moved
 
     # Steps 03 and 04: where next, and how.
 
@@ -221,17 +236,31 @@ class Explorer:
         if not self._is_new_node:
             return
         self._is_new_node = False
-        has_guard = self._config.visibility_guard
         identify_neighbours(
             self.graph,
             self.graph.nodes[-1],
             neighbour_range_m=self._config.neighbour_range_m,
             robot_width_m=self._rules.robot_width_m,
             terrain=scene.terrain,
-            is_seen=(lambda n, g: self._guard.is_seen(scene.unseen, self.graph, n, g))
-            if has_guard
+            is_seen=(lambda node, gap: len(self._targets(scene, node, gap)) == 0)
+            if self._config.visibility_guard
             else None,
         )
+
+    def _targets(self, scene: _Scene, node: Node, gap: Gap) -> FloatArray:
+        """What a scan at the gap should show; asked again only where the last scan reached."""
+        key = (node.index, gap.id)
+        known = self._shown.get(key)
+        if known is not None and known.at_node < len(self.graph) - 1:
+            away_m = node.centroid_m(gap) - self.graph.nodes[-1].position_m
+            if math.hypot(*away_m) <= self._range_m + SIGHT_M + gap.width_m:
+                known = None
+        if known is None:
+            targets = self._guard.targets_m(scene.unseen, self.graph, node, gap)
+        else:
+            targets = known.targets_m[~self._barren.mask(known.targets_m)]
+        self._shown[key] = _Shown(at_node=len(self.graph) - 1, targets_m=targets)
+        return targets
 
     def _sort_gaps(self, scene: _Scene) -> None:
         """Close the gaps the guard calls explored; note what the others should show."""
@@ -243,10 +272,12 @@ class Explorer:
                 continue
             if not within_radius(start, radius_m, node.centroid_m(gap)[None])[0]:
                 gap.set(GapState.UNREACHABLE, f"outside exploration.max_radius_m = {radius_m:g}")
-            elif self._guard.is_seen(scene.unseen, self.graph, node, gap):
-                gap.set(GapState.EXPLORED, gap.why or "nothing unseen shows from it")
+                continue
+            targets = self._targets(scene, node, gap)
+            if len(targets) == 0:
+                gap.set(GapState.EXPLORED, "nothing unseen shows from it")
             elif gap.is_open:
-                scene.targets[id(gap)] = self._guard.targets_m(scene.unseen, node, gap)
+                scene.targets[id(gap)] = targets
 
     def _choose(self, scene: _Scene) -> Candidate | None:
         """The strategy's gap; edges of the map once no gap is left; what was refused at last."""
@@ -291,13 +322,17 @@ class Explorer:
         targets = scene.targets[id(gap)]
         used = np.array([*self.graph.positions_m(), *self._refused_m])
         view = find_viewpoint(
-            scene.terrain, scene.unseen.is_occupied, node.centroid_m(gap), node.outward(gap),
+            scene.terrain, scene.unseen.is_opaque, node.centroid_m(gap), node.outward(gap),
             targets, used,
         )
         if view is None:
             gap.set(GapState.UNREACHABLE, "no reachable place looks into it")
             return None
         if self._config.visibility_guard:
+            if (other := self._scanned_from(scene, view, targets)) is not None:
+                self._barren.strike(targets, FAILURES_MAX)
+                gap.set(GapState.EXPLORED, f"adds nothing: node {other.id} looked from there")
+                return None
             gain = scene.unseen.gain_cells(
                 view.cell, view.heading_rad, self._sector_half_rad, self._range_m
             )
@@ -320,6 +355,21 @@ class Explorer:
         )
         self._aim = _Aim(drive=drive, node=node, gap=gap, targets_m=targets)
         return drive
+
+    def _scanned_from(
+        self, scene: _Scene, view: Viewpoint, targets_m: FloatArray
+    ) -> Node | None:
+        """The node that has looked at the targets from the same place."""
+        place = scene.grid.metres(np.array(view.cell))
+        away = self.graph.positions_m() - place
+        for index in np.flatnonzero(np.hypot(away[:, 0], away[:, 1]) < SAME_PLACE_M):
+            node = self.graph.nodes[int(index)]
+            ahead = targets_m - node.position_m
+            bearings = np.arctan2(ahead[:, 1], ahead[:, 0]) - node.pose.heading_rad
+            centre_rad, half_rad = node.sector
+            if (np.abs(wrap_rad(bearings - centre_rad)) < half_rad).mean() > MOVED_SHARE:
+                return node
+        return None
 
     def _finished(self, reason: str, is_complete: bool, scene: _Scene | None) -> Finished:
         left = tuple(

@@ -28,11 +28,11 @@ SCANNED_M = 0.5  # without the guard: a gap this near to a later scan's place wa
 
 
 class Guard(Protocol):
-    """What the explorer asks about gaps; `targets_m` is what a scan there should show."""
+    """What the explorer asks about gaps."""
 
-    def targets_m(self, unseen: Unseen, node: Node, gap: Gap) -> FloatArray: ...
-
-    def is_seen(self, unseen: Unseen, graph: NodeGraph, node: Node, gap: Gap) -> bool: ...
+    def targets_m(
+        self, unseen: Unseen, graph: NodeGraph, node: Node, gap: Gap
+    ) -> FloatArray: ...
 
     def adopt_edges(self, unseen: Unseen, graph: NodeGraph, led_to: set[int]) -> int: ...
 
@@ -40,13 +40,12 @@ class Guard(Protocol):
 class SeenGuard:
     """The map decides."""
 
-    def targets_m(self, unseen: Unseen, node: Node, gap: Gap) -> FloatArray:
-        """(T, 2) unseen edges that show from the gap."""
-        return unseen.points_m[edges_of_gap(unseen, node, gap)]
+    def targets_m(self, unseen: Unseen, graph: NodeGraph, node: Node, gap: Gap) -> FloatArray:
+        """(T, 2) unseen edges that show from the gap: what a scan there should show; map frame.
 
-    def is_seen(self, unseen: Unseen, graph: NodeGraph, node: Node, gap: Gap) -> bool:
-        """Nothing unseen shows from the gap."""
-        return len(edges_of_gap(unseen, node, gap)) == 0
+        None left: the gap is explored.
+        """
+        return unseen.points_m[edges_of_gap(unseen, node, gap)]
 
     def adopt_edges(self, unseen: Unseen, graph: NodeGraph, led_to: set[int]) -> int:
         """Make gaps of the edges no gap leads to; returns how many."""
@@ -64,14 +63,12 @@ class SeenGuard:
 class NoGuard:
     """The paper's rules as printed."""
 
-    def targets_m(self, unseen: Unseen, node: Node, gap: Gap) -> FloatArray:
-        """(1, 2) the gap's centroid."""
-        return node.centroid_m(gap)[None]
-
-    def is_seen(self, unseen: Unseen, graph: NodeGraph, node: Node, gap: Gap) -> bool:
-        """A scan was taken in the gap, be it for another one."""
-        away = graph.positions_m() - node.centroid_m(gap)
-        return bool((np.hypot(away[:, 0], away[:, 1]) < SCANNED_M).any())
+    def targets_m(self, unseen: Unseen, graph: NodeGraph, node: Node, gap: Gap) -> FloatArray:
+        """(1, 2) the gap's centroid; (0, 2) when a scan was taken there, be it for another gap."""
+        centroid = node.centroid_m(gap)
+        away = graph.positions_m() - centroid
+        is_scanned = bool((np.hypot(away[:, 0], away[:, 1]) < SCANNED_M).any())
+        return np.zeros((0, 2)) if is_scanned else centroid[None]
 
     def adopt_edges(self, unseen: Unseen, graph: NodeGraph, led_to: set[int]) -> int:
         """The paper knows no edges."""
@@ -95,7 +92,7 @@ def _nearest_node(unseen: Unseen, graph: NodeGraph, point_m: FloatArray) -> Node
     origin, resolution = np.array(unseen.grid.origin_m), unseen.grid.resolution_m
     asked = order[:NODE_SIGHT_TRIES]
     seen = sees(
-        unseen.is_occupied,
+        unseen.is_opaque,
         (positions[asked] - origin)[:, ::-1] / resolution,
         (point_m - origin)[None, ::-1] / resolution,
     )[:, 0]

@@ -66,7 +66,8 @@ class Unseen:
     ----------
     is_unseen : (H, W) bool
         Without the specks.
-    is_occupied : (H, W) bool
+    is_opaque : (H, W) bool
+        Walls, and the specks between and before their hits.
     cells : (F, 2) int64
         Edge cells.
     points_m : (F, 2) float64
@@ -77,7 +78,7 @@ class Unseen:
 
     grid: OccupancyGrid
     is_unseen: BoolArray
-    is_occupied: BoolArray
+    is_opaque: BoolArray
     cells: IndexArray
     points_m: FloatArray
     edge_of: IndexArray
@@ -102,7 +103,7 @@ class Unseen:
         resolution = self.grid.resolution_m
         origin = np.array(self.grid.origin_m)
         starts = (np.asarray(places_m) - origin)[:, ::-1] / resolution
-        seen = sees(self.is_occupied, starts, self.cells[index] + 0.5)
+        seen = sees(self.is_opaque, starts, self.cells[index] + 0.5)
         return index[seen.any(axis=0)]
 
     def gain_cells(
@@ -112,8 +113,8 @@ class Unseen:
         bearings = heading_rad + np.linspace(-half_rad, half_rad, GAIN_RAYS, endpoint=False)
         start = np.array([[cell[0] + 0.5, cell[1] + 0.5]])
         reach = range_m / self.grid.resolution_m
-        distance = np.minimum(cast_rays(self.is_occupied, start, bearings, reach), reach)
-        flat, _ = cells_on_rays(self.is_occupied.shape, start, bearings, distance)
+        distance = np.minimum(cast_rays(self.is_opaque, start, bearings, reach), reach)
+        flat, _ = cells_on_rays(self.is_opaque.shape, start, bearings, distance)
         height, width = self.is_unseen.shape
         row = start[0, 0] + distance * np.sin(bearings)
         col = start[0, 1] + distance * np.cos(bearings)
@@ -129,8 +130,10 @@ def survey_unseen(
     is_allowed: BoolArray | None = None,
 ) -> Unseen:
     """Find the edges of the seen part of a grid; beyond the grid all is unseen."""
-    is_unseen = _open_square(grid.is_unknown, SPECK_CELLS)
-    is_edge = grid.is_free & _beside(is_unseen)
+    is_unknown, is_occupied = grid.is_unknown, grid.is_occupied
+    is_unseen = _open_square(is_unknown, SPECK_CELLS)
+    is_opaque = is_occupied | (is_unknown & ~is_unseen & _beside(is_occupied, ends=False))
+    is_edge = grid.is_free & _beside(is_unseen, ends=True)
     if is_allowed is not None:
         is_edge &= is_allowed
     cells = np.argwhere(is_edge)
@@ -146,7 +149,7 @@ def survey_unseen(
     return Unseen(
         grid=grid,
         is_unseen=is_unseen,
-        is_occupied=grid.is_occupied,
+        is_opaque=is_opaque,
         cells=cells,
         points_m=grid.metres(cells).reshape(-1, 2),
         edge_of=labels[cells[:, 0], cells[:, 1]].astype(np.int64),
@@ -185,9 +188,9 @@ def _window(mask: BoolArray, cells: int, axis: int, combine: np.ufunc) -> BoolAr
     return np.asarray(result if axis == 0 else result.T)
 
 
-def _beside(mask: BoolArray) -> BoolArray:
-    """Cells that touch a set cell, corners included, or the end of the grid."""
-    padded = np.pad(mask, 1, constant_values=True)
+def _beside(mask: BoolArray, *, ends: bool) -> BoolArray:
+    """Cells that touch a set cell, corners included; `ends`: or the end of the grid."""
+    padded = np.pad(mask, 1, constant_values=ends)
     near = padded
     for axis in (0, 1):
         near = _window(near, 3, axis, np.logical_or)

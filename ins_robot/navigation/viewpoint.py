@@ -45,7 +45,7 @@ class Viewpoint:
 
 def find_viewpoint(
     terrain: Terrain,
-    is_occupied: BoolArray,
+    is_opaque: BoolArray,
     centroid_m: FloatArray,
     outward: FloatArray,
     targets_m: FloatArray,
@@ -65,11 +65,11 @@ def find_viewpoint(
     if len(targets_m) > TARGETS:
         targets_m = targets_m[np.linspace(0, len(targets_m) - 1, TARGETS).astype(np.int64)]
     places = _places_around(terrain, centroid_m)
-    cell = _best(terrain, is_occupied, places, centroid_m, targets_m, used_m)
+    cell = _best(terrain, is_opaque, places, centroid_m, targets_m, used_m)
     if cell is None:
         for target in targets_m[:: max(1, len(targets_m) // 3)]:
             places = _places_in_view(terrain, target)
-            cell = _best(terrain, is_occupied, places, target, targets_m, used_m)
+            cell = _best(terrain, is_opaque, places, target, targets_m, used_m)
             if cell is not None:
                 break
     if cell is None:
@@ -106,7 +106,7 @@ def _places_in_view(terrain: Terrain, target_m: FloatArray) -> NDArray[np.int64]
 
 def _best(
     terrain: Terrain,
-    is_occupied: BoolArray,
+    is_opaque: BoolArray,
     places: NDArray[np.int64],
     anchor_m: FloatArray,
     targets_m: FloatArray,
@@ -130,7 +130,7 @@ def _best(
         rest = np.linspace(first, len(order) - 1, PLACES - first).astype(np.int64)
         order = np.concatenate([order[:first], order[rest]])
     targets = (targets_m - np.array(terrain.grid.origin_m))[:, ::-1] / terrain.grid.resolution_m
-    seen = sees(is_occupied, places[order] + 0.5, targets).sum(axis=1)
+    seen = sees(is_opaque, places[order] + 0.5, targets).sum(axis=1)
     if seen.max() == 0:
         return None
     chosen = order[int(np.flatnonzero(2 * seen >= seen.max())[0])]
