@@ -4,9 +4,9 @@
     S time_ms n r1..rn      ranges in mm
     M time_ms left * * * right ...      wheel angles in ticks
 
-The files are told by their content. Odometry is two-wheeled; scans stand between motor lines
-and take their pose by interpolation. Geometry is that of C. Brenner's SLAM lectures; what is
-unlike it was measured on the recording.
+The files are told by their content. Odometry is two-wheeled, between motor lines it is
+interpolated. Geometry is that of C. Brenner's SLAM lectures, but for track and scan delay: these
+were measured on the recording, by scans laid on one another and by the reference positions.
 """
 
 from __future__ import annotations
@@ -22,15 +22,16 @@ from ins_robot.geometry.pose2 import Pose2
 from ins_robot.logs.sensor_log import LogRecord, OdometryNoise, SensorLog
 from ins_robot.logs.text_lines import Line, split_lines
 from ins_robot.messages import LaserScan
+from ins_robot.sensing.deskew import deskew
 
 WORDS = frozenset({"S", "M", "P", "L", "F", "D", "C"})
 
 METRES_PER_TICK = 0.349e-3
-TRACK_M = 0.172  # by scans and by reference alike; 0.150 to 0.155 is told elsewhere
+TRACK_M = 0.172
 BEAM_STEP_RAD = 0.006135923151543
 BEAM_AHEAD = 330.0
 BASE_FROM_LRF = Pose2(0.030, 0.0, -0.06981317007977318)
-SCAN_DELAY_S = 0.0
+SCAN_DELAY_S = 0.4  # scans were taken this long before their stamps
 RANGE_MIN_M, RANGE_MAX_M = 0.10, 4.0  # a Hokuyo URG; nearer is the robot itself
 RANGE_STD_M = 0.01
 ROBOT_RADIUS_M = 0.10
@@ -67,16 +68,7 @@ def read_lego(directory: Path) -> SensorLog:
         LogRecord(stamp_s=float(s), odom_from_base=Pose2.from_array(pose))
         for s, pose in zip(stamps_s, poses, strict=True)
     ]
-    headings = np.unwrap(poses[:, 2])
-    for line in scan_lines:
-        scan = _scan(line)
-        at_s = scan.stamp_s - SCAN_DELAY_S
-        x_m, y_m, heading = (
-            float(np.interp(at_s, stamps_s, row))
-            for row in (poses[:, 0], poses[:, 1], headings)
-        )
-        pose = Pose2(x_m, y_m, wrap_rad(heading))
-        records.append(LogRecord(stamp_s=scan.stamp_s, odom_from_base=pose, scan=scan))
+    records += [_scan_record(_scan(line), stamps_s, poses) for line in scan_lines]
     records.sort(key=lambda record: record.stamp_s)
     return SensorLog(
         kind="LEGO directory",
@@ -114,6 +106,20 @@ def drive(ticks: FloatArray) -> FloatArray:
     return np.column_stack([x_m, y_m, wrap_rad(heading)])
 
 
+def _scan_record(scan: LaserScan, stamps_s: FloatArray, poses: FloatArray) -> LogRecord:
+    """The scan as it would have looked at its stamp."""
+    headings = np.unwrap(poses[:, 2])
+    times_s = scan.stamp_s + np.array([0.0, -SCAN_DELAY_S])
+    rows = (np.interp(times_s, stamps_s, row) for row in (poses[:, 0], poses[:, 1], headings))
+    now, then = np.column_stack(list(rows))
+    at_beams = np.broadcast_to(then, (len(scan.ranges_m), 3))
+    return LogRecord(
+        stamp_s=scan.stamp_s,
+        odom_from_base=Pose2.from_array(now),
+        scan=deskew(scan, at_beams, now, BASE_FROM_LRF),
+    )
+
+
 def _scan(line: Line) -> LaserScan:
     line.need(3, "S")
     beams = line.count(2, "the number of beams", 10_000)
@@ -126,7 +132,7 @@ def _scan(line: Line) -> LaserScan:
         bearings_rad=np.asarray((np.arange(beams) - BEAM_AHEAD) * BEAM_STEP_RAD, dtype=float),
         ranges_m=ranges_m,
         range_std_m=np.where(is_valid, RANGE_STD_M, np.nan),
-        beam_offsets_s=np.zeros(beams),
+        beam_offsets_s=np.full(beams, -SCAN_DELAY_S),
         range_max_m=RANGE_MAX_M,
         valid_counts=is_valid.astype(np.int64),
     )

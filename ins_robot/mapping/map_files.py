@@ -82,15 +82,23 @@ class TernaryMap:
         known = self.is_occupied | self.is_free
         rows = np.flatnonzero(known.any(axis=1))
         cols = np.flatnonzero(known.any(axis=0))
-        row, row_end = (int(rows[0]), int(rows[-1]) + 1) if len(rows) else (0, 1)
-        col, col_end = (int(cols[0]), int(cols[-1]) + 1) if len(cols) else (0, 1)
-        inside = (slice(row, row_end), slice(col, col_end))
+        return self.window(
+            (int(rows[0]), int(rows[-1]) + 1) if len(rows) else (0, 1),
+            (int(cols[0]), int(cols[-1]) + 1) if len(cols) else (0, 1),
+            margin_cells,
+        )
+
+    def window(
+        self, rows: tuple[int, int], cols: tuple[int, int], margin_cells: int
+    ) -> TernaryMap:
+        """Cells [from, to) of `rows` and `cols`, with a margin of unknown cells around them."""
+        inside = (slice(*rows), slice(*cols))
         x_m, y_m = self.origin_m
         return TernaryMap(
             resolution_m=self.resolution_m,
             origin_m=(
-                x_m + (col - margin_cells) * self.resolution_m,
-                y_m + (row - margin_cells) * self.resolution_m,
+                x_m + (cols[0] - margin_cells) * self.resolution_m,
+                y_m + (rows[0] - margin_cells) * self.resolution_m,
             ),
             is_occupied=np.pad(self.is_occupied[inside], margin_cells),
             is_free=np.pad(self.is_free[inside], margin_cells),

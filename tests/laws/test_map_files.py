@@ -25,8 +25,8 @@ from ins_robot.mapping.map_picture import (
     MapPicture,
     draw_map,
     png_bytes,
-    scale_bar_m,
 )
+from ins_robot.mapping.picture_marks import scale_bar_m
 
 
 def random_map(rng, height, width, resolution_m=0.05, origin_m=(-1.3, 2.7)):
