@@ -9,6 +9,8 @@ beams are lost for no reason, in short runs. The wall's part of it is the same i
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -43,8 +45,28 @@ _WEAK_FACING = 0.12
 _WEAK_STD_FACTOR = 2.0
 _LOST_RUN_BEAMS = 2.5
 _EDGE_M = 0.15
-"""Neighbouring beams whose ranges differ by more have an edge between them."""
-_QUANTUM_PER_M = 1000.0
+"""Ranges of neighbours differ by this much more than on one slanted wall: an edge."""
+_BEAM_PITCH_RAD = np.radians(1.0)
+_COS_MIN = 0.02
+_QUANTUM_M = 1e-3
+
+
+class _Beams(NamedTuple):
+    """Where N beams start and look, world frame, each (N,)."""
+
+    x_m: FloatArray
+    y_m: FloatArray
+    direction_rad: FloatArray
+    cos: FloatArray
+    sin: FloatArray
+
+
+class _Wall(NamedTuple):
+    """What stops N beams, each (N,)."""
+
+    range_m: FloatArray
+    incidence_cos: FloatArray
+    reflectivity: FloatArray
 
 
 class WorldOptics:
@@ -75,41 +97,30 @@ class WorldOptics:
         self._surfaces = Surfaces(world)
         self._rng, run_rng = rng.spawn(2)
         self._runs = Runs(run_rng, simulation.drop_out, _LOST_RUN_BEAMS)
-        self._previous_m = RANGE_GONE_M
+        self._previous_m, self._previous_slope_m = RANGE_GONE_M, 0.0
 
     def measure(self, stamps_s: FloatArray, bearings_rad: FloatArray) -> OpticsReading:
         """One reading for each of N beams at its own time; see `wire_device.Optics`."""
-        x, y, direction = self._beams(stamps_s, bearings_rad)
-        cos, sin = np.cos(direction), np.sin(direction)
-        true_m, facing = self._look(x, y, direction, cos, sin)
-        strength = np.minimum(_STRENGTH_AT_1_M * facing / true_m**2, _STRENGTH_MAX)
-        lot = self._rng.random((4, true_m.size))
-        is_gone = lot[0] * (RANGE_GONE_M - RANGE_FADES_M) < true_m - RANGE_FADES_M
-        is_dim = lot[1] < self._loss(strength)
-        is_lost = self._runs.draw(true_m.size)
-        is_near = true_m < RANGE_NEAR_M
-        is_weak = facing < _WEAK_FACING
-        range_m = self._mixed(true_m, lot[2], lot[3])
-        range_m = range_m + self._noise(range_m, is_weak)
-        code = np.zeros(true_m.size, dtype=np.int64)
-        code[is_dim] = CODE_TOO_DIM
-        code[is_lost | is_gone] = CODE_NO_RETURN
-        code[is_near] = CODE_TOO_NEAR
+        beams = self._beams(stamps_s, bearings_rad)
+        wall = self._look(beams)
+        facing = wall.incidence_cos * wall.reflectivity
+        strength = _STRENGTH_AT_1_M * facing / np.maximum(wall.range_m, RANGE_NEAR_M) ** 2
+        lots = self._rng.random((4, facing.size))
+        code = self._losses(wall.range_m, strength, lots[0], lots[1])
         is_valid = code == 0
-        self._keep_seen(x, y, direction, true_m, is_valid)
+        is_weak = facing < _WEAK_FACING
+        range_m = self._mixed(wall, lots[2], lots[3])
+        range_m = range_m + self._noise(range_m, is_weak)
+        self._keep_seen(beams, wall.range_m, is_valid)
+        has_strength = is_valid | (code == CODE_TOO_DIM)
         return OpticsReading(
-            range_m=np.where(
-                is_valid, np.round(range_m * _QUANTUM_PER_M) / _QUANTUM_PER_M, np.nan
-            ),
+            range_m=np.where(is_valid, np.rint(range_m / _QUANTUM_M) * _QUANTUM_M, np.nan),
             error_code=code,
-            strength=np.where(code <= 0, strength, 0.0).astype(np.int64),
+            strength=(np.minimum(strength, _STRENGTH_MAX) * has_strength).astype(np.int64),
             is_weak=is_weak & is_valid,
         )
 
-    def _beams(
-        self, stamps_s: FloatArray, bearings_rad: FloatArray
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Origin (x, y) and direction of each beam, world frame, each (N,)."""
+    def _beams(self, stamps_s: FloatArray, bearings_rad: FloatArray) -> _Beams:
         x, y, heading = self._body.poses_at(stamps_s).T
         if self._lrf.x_m or self._lrf.y_m:
             cos, sin = np.cos(heading), np.sin(heading)
@@ -117,49 +128,52 @@ class WorldOptics:
                 x + cos * self._lrf.x_m - sin * self._lrf.y_m,
                 y + sin * self._lrf.x_m + cos * self._lrf.y_m,
             )
-        return x, y, heading + bearings_rad
+        direction = heading + bearings_rad
+        return _Beams(x, y, direction, np.cos(direction), np.sin(direction))
 
-    def _look(
-        self,
-        x: FloatArray,
-        y: FloatArray,
-        direction: FloatArray,
-        cos: FloatArray,
-        sin: FloatArray,
-    ) -> tuple[FloatArray, FloatArray]:
-        """True range up to where sight ends, and reflectivity times cosine of incidence."""
-        world = self._world
-        scale = world.resolution_m
-        starts = world.cells(np.stack([x, y], axis=1))
+    def _look(self, beams: _Beams) -> _Wall:
+        """Where each beam ends; beams that end nowhere in sight end where sight does."""
+        walls, scale = self._world.is_occupied, self._world.resolution_m
+        starts = self._world.cells(np.stack([beams.x_m, beams.y_m], axis=1))
         sight = RANGE_GONE_M / scale
-        reach = np.minimum(cast_rays(world.is_occupied, starts, direction, sight), sight)
-        # The air half a cell before the face, and the wall itself.
-        width = world.is_occupied.shape[1]
-        flats = [
-            (
-                (starts[:, 0] + depth * sin).astype(np.int64) * width
-                + (starts[:, 1] + depth * cos).astype(np.int64)
-            )
-            for depth in (reach - 0.5, reach + 0.1)
-        ]
-        facing = self._surfaces.incidence_cos(flats[0], cos, sin)
-        facing *= self._surfaces.reflectivity(flats[1])
-        return reach * scale, facing
+        reach = np.minimum(cast_rays(walls, starts, beams.direction_rad, sight), sight)
 
-    def _loss(self, strength: FloatArray) -> FloatArray:
-        """(N,) probability that a return this weak is lost."""
-        ratio = strength / _STRENGTH_LOST
-        return self._simulation.drop_out_grazing / (1.0 + ratio**_LOSS_STEEPNESS)
+        def cells_at(depth: FloatArray) -> NDArray[np.int64]:
+            rows = (starts[:, 0] + depth * beams.sin).astype(np.int64)
+            return rows * walls.shape[1] + (starts[:, 1] + depth * beams.cos).astype(np.int64)
 
-    def _mixed(self, true_m: FloatArray, lot: FloatArray, where: FloatArray) -> FloatArray:
-        """Ranges (N,) of which some beside an edge lie between its two sides."""
-        before = np.concatenate([[self._previous_m], true_m[:-1]])
-        self._previous_m = float(true_m[-1]) if true_m.size else self._previous_m
-        is_edge = (
-            (np.abs(true_m - before) > _EDGE_M) & np.isfinite(before) & np.isfinite(true_m)
+        # Walls face the air half a cell before them; what they are made of lies in them.
+        return _Wall(
+            reach * scale,
+            self._surfaces.incidence_cos(cells_at(reach - 0.5), beams.cos, beams.sin),
+            self._surfaces.reflectivity(cells_at(reach + 0.1)),
         )
+
+    def _losses(
+        self, true_m: FloatArray, strength: FloatArray, far: FloatArray, dim: FloatArray
+    ) -> NDArray[np.int64]:
+        """(N,) error codes, 0 for beams that come back; `far` and `dim` are uniform lots."""
+        # Half of the beams are lost at _STRENGTH_LOST, ever more below it.
+        odds = (strength / _STRENGTH_LOST) ** _LOSS_STEEPNESS
+        code = np.zeros(true_m.size, dtype=np.int64)
+        code[dim < self._simulation.drop_out_grazing / (1.0 + odds)] = CODE_TOO_DIM
+        code[far * (RANGE_GONE_M - RANGE_FADES_M) < true_m - RANGE_FADES_M] = CODE_NO_RETURN
+        code[self._runs.draw(true_m.size)] = CODE_NO_RETURN
+        code[true_m < RANGE_NEAR_M] = CODE_TOO_NEAR
+        return code
+
+    def _mixed(self, wall: _Wall, lot: FloatArray, where: FloatArray) -> FloatArray:
+        """Ranges (N,) of which some beside an edge lie between its two sides."""
+        true_m = wall.range_m
+        slope_m = _BEAM_PITCH_RAD * true_m / np.maximum(wall.incidence_cos, _COS_MIN)
+        ranges = np.concatenate([[self._previous_m], true_m])
+        slopes = np.concatenate([[self._previous_slope_m], slope_m])
+        self._previous_m, self._previous_slope_m = float(ranges[-1]), float(slopes[-1])
+        before_m = ranges[:-1]
+        is_edge = np.abs(true_m - before_m) > _EDGE_M + slope_m + slopes[:-1]
+        is_edge &= np.maximum(true_m, before_m) < RANGE_GONE_M
         is_mixed = is_edge & (lot < self._simulation.mixed_pixels)
-        return np.where(is_mixed, before + where * (true_m - before), true_m)
+        return np.where(is_mixed, before_m + where * (true_m - before_m), true_m)
 
     def _noise(self, range_m: FloatArray, is_weak: BoolArray) -> FloatArray:
         """(N,) error that grows with the square of range; more on weak returns."""
@@ -167,14 +181,8 @@ class WorldOptics:
         std = np.hypot(floor, growth * range_m**2) * np.where(is_weak, _WEAK_STD_FACTOR, 1.0)
         return std * self._rng.standard_normal(range_m.size)
 
-    def _keep_seen(
-        self,
-        x: FloatArray,
-        y: FloatArray,
-        direction: FloatArray,
-        true_m: FloatArray,
-        ok: BoolArray,
-    ) -> None:
-        limit = self._lrf.range_max_m
-        ok = ok | (true_m > limit)
-        self.seen.add(x[ok], y[ok], direction[ok], np.minimum(true_m[ok], limit))
+    def _keep_seen(self, beams: _Beams, true_m: FloatArray, is_valid: BoolArray) -> None:
+        limit_m = self._lrf.range_max_m
+        ok = is_valid | (true_m > limit_m)
+        length_m = np.minimum(true_m[ok], limit_m)
+        self.seen.add(beams.x_m[ok], beams.y_m[ok], beams.direction_rad[ok], length_m)

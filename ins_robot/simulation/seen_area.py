@@ -49,7 +49,7 @@ class SeenArea:
         return self._is_seen.copy()
 
     def _mark(self) -> None:
-        if not self._batch:
+        if not self._waiting:
             return
         beams = _longest_of_the_same(np.concatenate(self._batch))
         self._batch, self._waiting = [], 0

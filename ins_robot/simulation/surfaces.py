@@ -18,9 +18,9 @@ from ins_robot.simulation.world import World
 
 _SMOOTHING_M = 0.1
 _PATCH_M = 0.15
-_REFLECTIVITY_MEAN = 0.6
-_REFLECTIVITY_STD = 0.22
-_REFLECTIVITY_RANGE = (0.04, 0.95)
+_REFLECTIVITY_MEAN = 0.55
+_REFLECTIVITY_STD = 0.28
+_REFLECTIVITY_RANGE = (0.01, 0.95)
 
 
 class Surfaces:
