@@ -15,7 +15,7 @@ from collections.abc import AsyncIterator, Awaitable, Callable
 from dataclasses import dataclass
 
 from ins_robot.config import LrfConfig
-from ins_robot.errors import DeviceError, StateError
+from ins_robot.errors import DeviceError
 from ins_robot.messages import LaserScan
 from ins_robot.sensing.drivers import lrf_controller as controller
 from ins_robot.sensing.drivers.lrf_codec import LrfCodec, PacketBatch
@@ -30,6 +30,8 @@ _READ_TIMEOUT_S = 0.1
 _REPLY_TIMEOUT_S = 0.5
 _QUIET_S = 0.1  # a line silent for this long is drained
 _DRAIN_TIMEOUT_S = 1.0
+_PENDING_S = 0.005  # what had arrived before comes faster than this
+_DISCARD_TIMEOUT_S = 0.05
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -52,9 +54,10 @@ class LrfHealth:
 
 
 class LrfDriver:
-    """Driver of one LRF. One reader at a time: iterate `revolutions()` in one task only.
+    """Driver of one LRF. Iterate `revolutions()` in one task: each revolution is given once.
 
-    Needs a stream whose `read()` loses nothing when a timeout cancels it.
+    That task may run all the time, motor on or off, or only during a scan. The stream's
+    `read()` must lose nothing when a timeout cancels it.
     """
 
     def __init__(
@@ -71,7 +74,7 @@ class LrfDriver:
         self._motor_restarts = 0
         self._restarts_in_a_row = 0
         self._is_motor_on = False
-        self._is_reading = False
+        self._reading = asyncio.Lock()  # a stream has one reader at a time
         self._is_closed = False
 
     async def open(self) -> None:
@@ -86,7 +89,7 @@ class LrfDriver:
             When the line breaks, or the sensor's firmware is not supported.
         """
         self._send("", "HideRaw", "RelayOff")  # RelayOff: firmware before 1.2
-        await self._drain()
+        await self._drain(_QUIET_S, _DRAIN_TIMEOUT_S)
         for question in ("ShowConfig", "GetConfig"):  # GetConfig: firmware before 1.2
             self._send(question)
             if await self._reply_until(lambda: bool(self._controller.version)):
@@ -109,8 +112,8 @@ class LrfDriver:
         """Start the motor; revolutions at the set speed follow after about a second."""
         if self._is_motor_on:
             return
-        if not self._is_reading:
-            await self._drain()  # packets of the last spin-down, long out of date
+        if not self._reading.locked():  # nobody iterates: packets of the last spin-down wait
+            await self._drain(_PENDING_S, _DISCARD_TIMEOUT_S)
         self._ready.clear()
         self._assembler.reset()
         self._restarts_in_a_row = 0
@@ -191,16 +194,11 @@ class LrfDriver:
 
     async def _read(self, timeout_s: float) -> bytes:
         """What has arrived; b"" when nothing did in time, or when this driver was closed."""
-        if self._is_reading:
-            raise StateError("lrf: two tasks read the same LRF; iterate revolutions() in one")
-        self._is_reading = True
         try:
-            async with asyncio.timeout(timeout_s):
+            async with asyncio.timeout(timeout_s), self._reading:
                 data = await self._stream.read()
         except TimeoutError:
             return b""
-        finally:
-            self._is_reading = False
         if not data and not self._is_closed:
             raise DeviceError(
                 f"lrf: {self._config.port}: the line was closed at the far end: USB unplugged?"
@@ -305,10 +303,10 @@ class LrfDriver:
     def _send(self, *commands: str) -> None:
         self._stream.write(controller.encode_commands(*commands))
 
-    async def _drain(self) -> None:
+    async def _drain(self, quiet_s: float, timeout_s: float) -> None:
         """Drop what comes until the line is quiet; one that never is, is left alone."""
-        deadline_s = self._clock() + _DRAIN_TIMEOUT_S
-        while self._clock() < deadline_s and (data := await self._read(_QUIET_S)):
+        deadline_s = self._clock() + timeout_s
+        while self._clock() < deadline_s and (data := await self._read(quiet_s)):
             self._read_lines(self._codec.feed(data).lines)
         self._codec.reset()
 
