@@ -128,19 +128,26 @@ def test_a_request_without_end_is_refused_and_not_carried_out(tmp_path: Path) ->
 
 
 def test_a_client_that_has_said_all_still_gets_the_whole_reply(tmp_path: Path) -> None:
-    """As `nc -N` does: the request, end of file, and only then reading."""
+    """As `nc -N` does: the request, end of file, and only then reading.
+
+    Of the sizes some fit into the kernel's buffer but for a rest, which the daemon still holds
+    when it has nothing left to do on that connection.
+    """
     path, robot = tmp_path / "s", FakeRobot()
-    robot.maps["png"] = bytes(range(256)) * 4000
 
     async def scenario() -> None:
-        reader, writer = await asyncio.open_unix_connection(path, limit=1024)
-        writer.write(b'{"v":1,"command":"map","arguments":{"format":"png"}}\n')
-        writer.write_eof()
-        received = b""
-        while piece := await reader.read(1000):
-            received += piece
-        writer.close()
-        assert protocol.decode_map(protocol.decode_reply(received)) == robot.maps["png"]
+        for size in range(60_000, 400_000, 20_000):
+            robot.maps["png"] = bytes(size)
+            reader, writer = await asyncio.open_unix_connection(path, limit=1024)
+            writer.write(b'{"v":1,"command":"map","arguments":{"format":"png"}}\n')
+            writer.write_eof()
+            for _ in range(50):  # the daemon does what it can before we read
+                await asyncio.sleep(0)
+            received = bytearray()
+            while piece := await reader.read(65536):
+                received += piece
+            writer.close()
+            assert len(protocol.decode_map(protocol.decode_reply(received))) == size
 
     with_socket(path, robot, scenario)
 
@@ -293,6 +300,25 @@ def test_the_socket_of_a_live_daemon_is_not_taken(tmp_path: Path) -> None:
         assert reply["ok"] is True
 
     with_socket(path, FakeRobot(), scenario)
+
+
+def test_a_daemon_keeps_its_socket_s_name_also_when_somebody_removed_the_file(
+    tmp_path: Path,
+) -> None:
+    """As between unlinking and binding: of two daemons that start at once, one must lose."""
+    path = tmp_path / "s"
+
+    async def scenario() -> None:
+        path.unlink()
+        with pytest.raises(StateError, match="another daemon answers there"):
+            await ControlSocket(path, FakeRobot()).open()
+
+    with_socket(path, FakeRobot(), scenario)
+    with_socket(path, FakeRobot(), nothing)  # and the name is free when it has ended
+
+
+async def nothing() -> None:
+    pass
 
 
 def test_the_socket_of_another_program_is_not_taken(tmp_path: Path) -> None:
