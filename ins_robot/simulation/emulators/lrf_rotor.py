@@ -77,13 +77,12 @@ class Rotor:
         Some may be full after `now_s`, by up to one step.
         """
         due: list[DuePacket] = []
-        if self.is_at_rest:
-            self._step_end_s = -math.inf
-            return due
         if self._step_end_s == -math.inf:
             self._step_end_s = now_s
-        while self._step_end_s <= now_s:
+        while self._step_end_s <= now_s and not self.is_at_rest:
             self._step(due)
+        if self.is_at_rest:
+            self._step_end_s = -math.inf
         return due
 
     def _step(self, due: list[DuePacket]) -> None:
