@@ -172,13 +172,12 @@ class LrfDriver:
         )
 
     def close(self) -> None:
-        """Stop the motor if the line still carries, and close it; may be called again."""
+        """Stop the motor, if the line still carries, and close it; may be called again."""
         if self._is_closed:
             return
         self._is_closed = True
         try:
-            if self._is_motor_on:
-                self._send_motor_off()
+            self._send_motor_off()  # also before `open` got that far: it is on at power-up
         except DeviceError as error:
             log.warning("lrf: motor not stopped on closing: %s", error)
         self._is_motor_on = False
