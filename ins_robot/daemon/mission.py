@@ -121,9 +121,9 @@ class Mission:
             if self._lrf_on_since_s is not None:
                 await self._motor_off()
 
-    def stop(self, reason: str) -> None:
+    def stop(self, reason: str, *, failed: bool = False) -> None:
         """End the run where it is; `explore` returns soon after."""
-        self._end(MissionState.STOPPED, reason)
+        self._end(MissionState.FAILED if failed else MissionState.STOPPED, reason)
         if self._method is not None:
             self._method.cancel()
 

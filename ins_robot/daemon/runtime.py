@@ -124,12 +124,12 @@ class Robot:
         self.pipeline.mission = self.mission
         self.supervisor.add_task(f"run {directory}", lambda: self._explore(directory))
 
-    async def end(self, reason: str) -> str:
+    async def end(self, reason: str, *, failed: bool = False) -> str:
         """Stop the run and wait until its files are there; its name."""
         if self.mission is None:
             raise StateError("no run is under way")
         name = self.mission.name
-        self.mission.stop(reason)
+        self.mission.stop(reason, failed=failed)
         await self.finished.wait()
         return name
 

@@ -26,8 +26,9 @@ SEARCH_HALF_MIN_M = 0.1
 SEARCH_HALF_MAX_M = 0.8
 SEARCH_TURN_MIN_RAD = math.radians(3.0)
 SEARCH_TURN_MAX_RAD = math.radians(25.0)
-SURE_STD_M = 0.05  # a prior this sure needs no search, descent alone gets there
-SURE_STD_RAD = math.radians(2.0)
+SURE_STD_M = 0.08  # a prior this sure needs no search, descent alone gets there
+SURE_STD_RAD = math.radians(3.0)
+SURE_KERNEL = 2.0
 INLIER_SHARE_MIN = 0.3
 INLIER_SHARE_GOOD = 0.55
 INLIERS_MIN = 15
@@ -131,7 +132,7 @@ def _match(
     std_rad = math.sqrt(float(covariance[2, 2]))
     match = None
     if std_m < SURE_STD_M and std_rad < SURE_STD_RAD:
-        match = align(field, scan, prior[None], prior, information)
+        match = align(field, scan, prior[None], prior, information, kernel_start=SURE_KERNEL)
     if match is None or match.inlier_share < INLIER_SHARE_GOOD:
         half_width = min(max(SEARCH_STDS * std_m, SEARCH_HALF_MIN_M), SEARCH_HALF_MAX_M)
         half_turn = min(max(SEARCH_STDS * std_rad, SEARCH_TURN_MIN_RAD), SEARCH_TURN_MAX_RAD)

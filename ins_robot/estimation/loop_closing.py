@@ -37,6 +37,7 @@ AGREE_RAD = math.radians(2.5)
 OLD_M = 15.0  # nodes this much driving ago are checked on their own, though linked
 RECHECK_RADIUS_M = 5.0
 RECHECK_NODES_MIN = 2
+RECHECK_EVERY = 3  # nodes; every one while a closure waits for confirmation
 RECHECK_M = 0.4
 RECHECK_RAD = math.radians(4.0)
 SETTLED_M = 0.02
@@ -116,7 +117,7 @@ class LoopCloser:
             if nodes.travelled_m[node] - nodes.travelled_m[k] > OLD_M
             and math.dist(nodes.graph.poses[k, :2], pose[:2]) < RECHECK_RADIUS_M
         ]
-        if len(old) < RECHECK_NODES_MIN:
+        if len(old) < RECHECK_NODES_MIN or (node % RECHECK_EVERY and not self._pending):
             return None
         return self._fit(nodes, node, old, scan, RECHECK_M, RECHECK_RAD)
 

@@ -150,53 +150,55 @@ def _values(
 
 @dataclass(frozen=True, slots=True)
 class _Residuals:
-    """Point-to-line residuals of P poses x B surfels and where they came from."""
+    """Residuals of P poses x B surfels against the nearest surfels of the map."""
 
-    normal_m: FloatArray  # (P, B)
-    tangent_m: FloatArray  # (P, B), 0 where the map is flat
-    direction: FloatArray  # (P, B, 2) normal of the map's surfel
-    lever_m: FloatArray  # (P, B, 2) from the base to the point
-    std_m: FloatArray  # (P, B)
+    normal_m: FloatArray  # (P, B) along the map's normal
+    tangent_m: FloatArray  # (P, B) across it, 0 where the map is flat
+    is_round: FloatArray  # (P, B) 1 where the map's surfel is no line
+    normal_x: FloatArray  # (P, B)
+    normal_y: FloatArray
+    lever_x_m: FloatArray  # (P, B) from the base to the point
+    lever_y_m: FloatArray
+    var_m2: FloatArray  # (P, B)
     is_matched: BoolArray  # (P, B)
     surfel: IntArray  # (P, B)
 
 
 def _residuals(field: LikelihoodField, scan: Surfels, poses: FloatArray) -> _Residuals:
-    points = transform_points(poses, scan.points_m)
-    surfel = field.nearest_surfels(points)
-    is_matched = surfel >= 0
-    index = np.where(is_matched, surfel, 0)
-    mapped = field.surfels
-    direction = mapped.normals[index]
     c, s = np.cos(poses[:, 2, None]), np.sin(poses[:, 2, None])
-    nx, ny = scan.normals[:, 0], scan.normals[:, 1]
-    facing = (c * nx - s * ny) * direction[..., 0] + (s * nx + c * ny) * direction[..., 1]
-    both_flat = mapped.is_flat[index] & scan.is_flat
-    is_matched &= (facing > GATE_COS) | ~both_flat
-    offset = points - mapped.points_m[index]
-    normal = (offset * direction).sum(axis=-1)
-    tangent = offset[..., 1] * direction[..., 0] - offset[..., 0] * direction[..., 1]
-    is_round = ~mapped.is_flat[index]
-    std = np.sqrt(mapped.std_m[index] ** 2 + scan.std_m**2 + MAP_STD_M**2)
+    qx, qy = scan.points_m[:, 0], scan.points_m[:, 1]
+    lever_x, lever_y = c * qx - s * qy, s * qx + c * qy
+    px, py = lever_x + poses[:, 0, None], lever_y + poses[:, 1, None]
+    surfel = field.nearest_surfels(px, py)
+    mx, my, nx, ny, var, flat = field.columns.take(surfel, axis=1)
+    sx, sy = scan.normals[:, 0], scan.normals[:, 1]
+    facing = c * (sx * nx + sy * ny) + s * (sx * ny - sy * nx)
+    # surfaces that face apart do not correspond; round ones face everywhere
+    is_matched = (surfel >= 0) & ((facing > GATE_COS) | (flat * scan.is_flat == 0.0))
+    px -= mx
+    py -= my
+    is_round = 1.0 - flat
     return _Residuals(
-        normal,
-        np.where(is_round, tangent, 0.0),
-        direction,
-        points - poses[:, None, :2],
-        std,
-        is_matched,
-        surfel,
+        normal_m=px * nx + py * ny,
+        tangent_m=(py * nx - px * ny) * is_round,
+        is_round=is_round,
+        normal_x=nx,
+        normal_y=ny,
+        lever_x_m=lever_x,
+        lever_y_m=lever_y,
+        var_m2=var + (scan.std_m**2 + MAP_STD_M**2),
+        is_matched=is_matched,
+        surfel=surfel,
     )
 
 
 def _kernel(residuals: _Residuals, width: float) -> tuple[FloatArray, FloatArray]:
     """Geman-McClure cost (P,) and weights (P, B); what has no partner costs as an outlier."""
-    square = (residuals.normal_m**2 + residuals.tangent_m**2) / residuals.std_m**2
+    square = (residuals.normal_m**2 + residuals.tangent_m**2) / residuals.var_m2
     scale = (KERNEL_STDS * width) ** 2
-    share = scale / (scale + square)
-    cost = np.where(residuals.is_matched, scale * (1.0 - share), scale)
-    weights = np.where(residuals.is_matched, share**2 / residuals.std_m**2, 0.0)
-    return 0.5 * cost.sum(axis=1) / CORRELATION, weights / CORRELATION
+    share = residuals.is_matched * scale / (scale + square)
+    cost = scale * (1.0 - share).sum(axis=1)
+    return 0.5 * cost / CORRELATION, share**2 / (residuals.var_m2 * CORRELATION)
 
 
 def log_likelihoods(field: LikelihoodField, scan: Surfels, poses: FloatArray) -> FloatArray:
@@ -205,29 +207,22 @@ def log_likelihoods(field: LikelihoodField, scan: Surfels, poses: FloatArray) ->
     return -cost
 
 
-def _normal_equations(
-    residuals: _Residuals, weights: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Information (P, 3, 3), gradient (P, 3), and the rows (P, 2, B, 3) they came from."""
-    d, lever = residuals.direction, residuals.lever_m
-    turn_n = d[..., 1] * lever[..., 0] - d[..., 0] * lever[..., 1]
-    turn_t = d[..., 0] * lever[..., 0] + d[..., 1] * lever[..., 1]
-    rows = np.stack(
-        [
-            np.stack([d[..., 0], d[..., 1], turn_n], axis=-1),
-            np.stack([-d[..., 1], d[..., 0], turn_t], axis=-1),
-        ],
-        axis=1,
-    )
-    is_round = residuals.tangent_m != 0.0
-    weight = np.stack([weights, np.where(is_round, weights, 0.0)], axis=1)
-    error = np.stack([residuals.normal_m, residuals.tangent_m], axis=1)
-    weighted = rows * weight[..., None]
-    p = len(rows)
-    flat_rows, flat_weighted = rows.reshape(p, -1, 3), weighted.reshape(p, -1, 3)
-    information = np.swapaxes(flat_weighted, 1, 2) @ flat_rows
-    gradient = (np.swapaxes(flat_weighted, 1, 2) @ error.reshape(p, -1, 1))[..., 0]
-    return information, gradient, weighted
+def _jacobians(r: _Residuals) -> tuple[FloatArray, FloatArray]:
+    """(P, 3, B) derivatives of the normal and of the tangent residual by the pose."""
+    nx, ny = r.normal_x, r.normal_y
+    by_normal = np.stack([nx, ny, ny * r.lever_x_m - nx * r.lever_y_m], axis=1)
+    by_tangent = np.stack([-ny, nx, nx * r.lever_x_m + ny * r.lever_y_m], axis=1)
+    return by_normal, by_tangent
+
+
+def _normal_equations(r: _Residuals, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Information (P, 3, 3) and gradient (P, 3)."""
+    by_normal, by_tangent = _jacobians(r)
+    weighted_n = by_normal * weights[:, None, :]
+    weighted_t = by_tangent * (weights * r.is_round)[:, None, :]
+    information = weighted_n @ by_normal.swapaxes(1, 2) + weighted_t @ by_tangent.swapaxes(1, 2)
+    gradient = weighted_n @ r.normal_m[..., None] + weighted_t @ r.tangent_m[..., None]
+    return information, gradient[..., 0]
 
 
 def align(
@@ -236,14 +231,18 @@ def align(
     starts: FloatArray,
     prior_pose: FloatArray,
     prior_information: FloatArray,
+    kernel_start: float = KERNEL_START,
 ) -> Alignment:
-    """Refine from each of `starts` (S, 3), keep the cheapest."""
+    """Refine from each of `starts` (S, 3), keep the cheapest.
+
+    `kernel_start` is how much wider the robust kernel is at first: 1 for starts that are close.
+    """
     poses = np.array(starts, dtype=np.float64)
     for iteration in range(ITERATIONS):
-        width = max(1.0, KERNEL_START * (1.0 - iteration / (ITERATIONS - 3)))
+        width = max(1.0, kernel_start * (1.0 - iteration / (ITERATIONS - 3)))
         residuals = _residuals(field, scan, poses)
         _, weights = _kernel(residuals, width)
-        information, gradient, _ = _normal_equations(residuals, weights)
+        information, gradient = _normal_equations(residuals, weights)
         off = poses - prior_pose
         off[:, 2] = wrap_rad(off[:, 2])
         step = -np.linalg.solve(
@@ -258,9 +257,9 @@ def align(
     off[:, 2] = wrap_rad(off[:, 2])
     cost = cost + 0.5 * np.einsum("si,ij,sj->s", off, prior_information, off)
     best = int(np.argmin(cost))
-    information, gradient, weighted = _normal_equations(residuals, weights)
+    information, gradient = _normal_equations(residuals, weights)
     error = np.hypot(residuals.normal_m[best], residuals.tangent_m[best])
-    is_inlier = residuals.is_matched[best] & (error < INLIER_STDS * residuals.std_m[best])
+    is_inlier = residuals.is_matched[best] & (error < INLIER_STDS * np.sqrt(residuals.var_m2[best]))
     pose = poses[best]
     pose[2] = wrap_rad(float(pose[2]))
     return Alignment(
@@ -270,26 +269,21 @@ def align(
         inlier_share=float(is_inlier.mean()),
         inliers=int(is_inlier.sum()),
         cost=float(cost[best]),
-        by_source=_by_source(field, residuals, weighted, best),
+        by_source=_by_source(field, residuals, weights, best),
     )
 
 
 def _by_source(
-    field: LikelihoodField, residuals: _Residuals, weighted: FloatArray, best: int
+    field: LikelihoodField, residuals: _Residuals, weights: FloatArray, best: int
 ) -> dict[int, FloatArray]:
     """Information (3, 3) per node that the matched surfels came from."""
     matched = residuals.is_matched[best]
     sources = field.surfels.sources[residuals.surfel[best][matched]]
     nodes, slot = np.unique(sources, return_inverse=True)
-    rows = weighted[best][
-        :, matched
-    ]  # (2, M, 3) weighted; unweighted rows follow from the geometry
-    d, lever = residuals.direction[best][matched], residuals.lever_m[best][matched]
-    plain_n = np.column_stack([d, d[:, 1] * lever[:, 0] - d[:, 0] * lever[:, 1]])
-    plain_t = np.column_stack([-d[:, 1], d[:, 0], (d * lever).sum(axis=1)])
-    outer = (
-        rows[0][:, :, None] * plain_n[:, None, :] + rows[1][:, :, None] * plain_t[:, None, :]
-    )
-    sums = np.zeros((len(nodes), 3, 3))
-    np.add.at(sums, slot, outer)
+    by_normal, by_tangent = (j[best][:, matched] for j in _jacobians(residuals))  # (3, M)
+    weight = weights[best][matched]
+    outer = (by_normal * weight)[:, None] * by_normal
+    outer += (by_tangent * (weight * residuals.is_round[best][matched]))[:, None] * by_tangent
+    is_from = (slot == np.arange(len(nodes))[:, None]).astype(np.float64)  # (nodes, M)
+    sums = np.tensordot(is_from, outer, axes=(1, 2))
     return {int(node): sums[i] for i, node in enumerate(nodes)}

@@ -75,6 +75,8 @@ def read_carmen(path: Path, fov_rad: float | None = None) -> SensorLog:
             record, odom_from_laser = parser.scan(line)
             records.append(record)
             lasers.append(odom_from_laser)
+        elif line.is_cut and word not in WORDS:
+            raise line.error(f"the log is cut off here ('{word[:40]}'); copy it again")
     if not lasers:
         raise InputError(f"{path}: no FLASER or ROBOTLASER1 line, so there is nothing to map")
     return SensorLog(

@@ -5,8 +5,8 @@
     M time_ms left * * * right ...      wheel angles in ticks
 
 The files are told by their content. Odometry is two-wheeled, between motor lines it is
-interpolated. Geometry is that of C. Brenner's SLAM lectures, but for track and scan delay: these
-were measured on the recording, by scans laid on one another and by the reference positions.
+interpolated. Geometry is that of C. Brenner's SLAM lectures; track and scan delay were measured
+on the recording, by scans laid on one another and by the reference positions.
 """
 
 from __future__ import annotations

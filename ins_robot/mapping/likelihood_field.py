@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: MIT
 """Local map for matching: surfels in, a smooth field and the nearest surfel of every cell out.
 
-The field is exp(-d^2 / 2 s^2) of the distance to the nearest surfel, stamped around each of them
-(no distance transform of the window), with a pyramid of maxima for multi-resolution search
-(Olson 2009; Hess et al. 2016). The table of nearest surfels replaces a search tree: a look-up is
-one index, for all particles and beams at once.
+The field is exp(-d^2 / 2 s^2) of the distance to the nearest surfel, stamped around each of
+them (no distance transform of the window), with a pyramid of maxima for multi-resolution search
+(Olson 2009; Hess et al. 2016). The table of nearest surfels replaces a search tree: a look-up
+is one index, for all particles and beams at once.
 """
 
 from __future__ import annotations
@@ -43,46 +43,55 @@ class LikelihoodField:
     ----------
     surfels : Surfels
         One per cell at most, in the map frame; the surest of each cell.
+    columns : (6, N) float64
+        The same, for look-ups in one go: x, y, normal x, normal y, variance, flat (1 or 0).
     nearest : (H*W,) int32
-        Nearest surfel of each cell, -1 where none is within reach.
+        Nearest surfel of each cell, -1 where none is within reach. A rim of cells around the
+        window is always -1, so that points outside are clipped onto it.
     """
 
     def __init__(self, surfels: Surfels) -> None:
-        cells = np.floor(surfels.points_m / CELL_M).astype(np.int64)
+        cells = np.floor(surfels.points_m * (1.0 / CELL_M)).astype(np.int64)
         margin = REACH_CELLS + 2 ** (LEVELS - 1)
-        self._corner = cells.min(axis=0) - margin
-        self.width, self.height = (cells.max(axis=0) + margin + 1 - self._corner).tolist()
+        self._corner: list[int] = (cells.min(axis=0) - margin).tolist()
+        high: list[int] = (cells.max(axis=0) + margin + 1).tolist()
+        self.width, self.height = high[0] - self._corner[0], high[1] - self._corner[1]
         flat = (cells[:, 1] - self._corner[1]) * self.width + cells[:, 0] - self._corner[0]
         # one surfel per cell, the surest: it is written last, and stays
         order = np.argsort(-surfels.std_m, kind="stable")
         table = np.full(self.width * self.height, -1, dtype=np.int32)
         table[flat[order]] = order
-        kept = table[table >= 0]
-        self.surfels = surfels.take(kept)
-        flat = flat[kept]
-        around = STAMP_OFFSETS[:, 0] * self.width + STAMP_OFFSETS[:, 1]
-        targets = (around[:, None] + flat).reshape(-1)
-        table.fill(-1)
-        table[targets] = np.tile(np.arange(len(flat), dtype=np.int32), len(around))
+        occupied = np.flatnonzero(table >= 0)
+        self.surfels = surfels.take(table[occupied].astype(np.int64))
+        self._targets = (_around(self.width)[:, None] + occupied.astype(np.int32)).reshape(-1)
+        table[self._targets] = np.tile(
+            np.arange(len(occupied), dtype=np.int32), len(STAMP_OFFSETS)
+        )
         self.nearest: NDArray[np.int32] = table
-        values = np.zeros(self.width * self.height, np.float32)
-        values[targets] = np.repeat(STAMP_VALUES, len(flat))
-        self._levels = [values.reshape(self.height, self.width)]
+        kept = self.surfels
+        self.columns: FloatArray = np.stack(
+            [*kept.points_m.T, *kept.normals.T, kept.std_m**2, kept.is_flat.astype(np.float64)]
+        )
+        self._levels: list[NDArray[np.float32]] = []
 
     def cells(self, points_m: FloatArray) -> tuple[IntArray, IntArray]:
         """(...) columns and rows of points (..., 2); may lie outside."""
         scaled = np.floor(points_m * (1.0 / CELL_M)).astype(np.int64)
         return scaled[..., 0] - self._corner[0], scaled[..., 1] - self._corner[1]
 
-    def nearest_surfels(self, points_m: FloatArray) -> IntArray:
-        """(...) index of the surfel nearest to each point (..., 2), -1 without one in reach."""
-        cols, rows = self.cells(points_m)
-        inside = (cols >= 0) & (cols < self.width) & (rows >= 0) & (rows < self.height)
-        found = self.nearest[np.where(inside, rows * self.width + cols, 0)]
-        return np.where(inside, found, -1)
+    def nearest_surfels(self, x_m: FloatArray, y_m: FloatArray) -> NDArray[np.int32]:
+        """(...) index of the surfel nearest to each point, -1 without one in reach."""
+        col = np.clip(x_m * (1.0 / CELL_M) - self._corner[0], 0, self.width - 1)
+        row = np.clip(y_m * (1.0 / CELL_M) - self._corner[1], 0, self.height - 1)
+        index = row.astype(np.int32) * np.int32(self.width) + col.astype(np.int32)
+        return self.nearest.take(index)
 
     def level(self, level: int) -> NDArray[np.float32]:
         """(H, W) maxima of the field over the 2^level cells to the right and above."""
+        if not self._levels:
+            values = np.zeros(self.width * self.height, np.float32)
+            values[self._targets] = np.repeat(STAMP_VALUES, len(self.surfels))
+            self._levels.append(values.reshape(self.height, self.width))
         while len(self._levels) <= level:
             finer = self._levels[-1]
             step = 2 ** (len(self._levels) - 1)
@@ -95,7 +104,14 @@ class LikelihoodField:
 
     def mean_values(self, cols: IntArray, rows: IntArray, level: int) -> FloatArray:
         """(C,) mean of the field over the last axis of cells (C, B); 0 outside the window."""
-        values = self.level(level)
-        inside = (cols >= 0) & (cols < self.width) & (rows >= 0) & (rows < self.height)
-        flat = np.where(inside, rows * self.width + cols, 0)  # the window's corner holds 0
-        return np.asarray(values.reshape(-1)[flat].mean(axis=-1, dtype=np.float64))
+        values = self.level(level).reshape(-1)
+        np.clip(cols, 0, self.width - 1, out=cols)
+        np.clip(rows, 0, self.height - 1, out=rows)
+        rows *= self.width
+        rows += cols
+        return np.asarray(values.take(rows).mean(axis=-1, dtype=np.float64))
+
+
+def _around(width: int) -> NDArray[np.int32]:
+    """(S,) steps in the flattened window from a surfel's cell to those it stamps."""
+    return (STAMP_OFFSETS[:, 0] * width + STAMP_OFFSETS[:, 1]).astype(np.int32)

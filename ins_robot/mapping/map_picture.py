@@ -28,8 +28,7 @@ LONG_SIDE_PX = 1600  # cells are scaled up to at most this
 WIDTH_MIN_PX = 640  # below this the footer has no room; unknown space is added
 SCALE_MAX = 14
 MARGIN_M = 0.4
-RAY_WIDTH_M = 0.6  # at its edges, the map is not shown where less than this is known of it
-FOOTER_PX = 64
+RAY_WIDTH_M, RAY_LENGTH_M = 0.6, 2.0  # what is narrower and longer than this is not shown whole
 
 _UNKNOWN = (226, 229, 234)
 _FREE = (255, 255, 255)
@@ -108,15 +107,15 @@ def draw_map(picture: MapPicture) -> Image:
     """The picture as a Pillow image."""
     from PIL import Image as PilImage
 
-    from ins_robot.mapping.picture_marks import draw_footer, draw_marks
+    from ins_robot.mapping.picture_marks import draw_footer, draw_marks, footer_px
 
     cells, frame = _cells_and_frame(picture)
     scale = round(frame.px_per_m * picture.grid.resolution_m)
     size = (cells.shape[1] * scale, cells.shape[0] * scale)
-    image = PilImage.new("RGB", (size[0], size[1] + FOOTER_PX), _FREE)
+    image = PilImage.new("RGB", (size[0], size[1] + footer_px(*size)), _FREE)
     image.paste(PilImage.fromarray(cells).resize(size, PilImage.Resampling.NEAREST), (0, 0))
-    draw_marks(image, size[1], picture, frame)
-    draw_footer(image, size[1], picture, frame)
+    draw_marks(image, size, picture, frame)
+    draw_footer(image, size, picture, frame)
     return image
 
 
@@ -143,16 +142,31 @@ def _cells_and_frame(picture: MapPicture) -> tuple[NDArray[np.uint8], Frame]:
 
 
 def _part_to_show(picture: MapPicture) -> TernaryMap:
-    """The known part and the way; single rays that left through a window are cut short."""
+    """The known part and the way; long single rays, gone out through a window, are cut."""
     whole = TernaryMap.of(picture.grid)
     resolution_m = whole.resolution_m
     known = whole.is_occupied | whole.is_free
-    enough = min(RAY_WIDTH_M / resolution_m, 0.5 * max(known.sum(axis=0).max(), 1))
     way = np.floor((picture.way_m - whole.origin_m) / resolution_m).astype(np.int64)
-    spans = []
-    for axis, size in ((0, known.shape[0]), (1, known.shape[1])):
-        lines = np.flatnonzero(known.sum(axis=1 - axis) >= enough)
-        driven = np.clip(way[:, 1 - axis], 0, size - 1)
-        wanted = np.concatenate([lines, driven])
-        spans.append((int(wanted.min()), int(wanted.max()) + 1) if len(wanted) else (0, 1))
-    return whole.window(spans[0], spans[1], math.ceil(MARGIN_M / resolution_m))
+    rows = _span(known.sum(axis=1), way[:, 1], resolution_m)
+    cols = _span(known.sum(axis=0), way[:, 0], resolution_m)
+    return whole.window(rows, cols, math.ceil(MARGIN_M / resolution_m))
+
+
+def _span(
+    known_counts: NDArray[np.int64], driven: NDArray[np.int64], resolution_m: float
+) -> tuple[int, int]:
+    """Rows (or columns) [from, to) to show, by how many cells of each are known."""
+    known = np.flatnonzero(known_counts)
+    if not len(known):
+        return 0, 1
+    broad = np.flatnonzero(known_counts * resolution_m >= RAY_WIDTH_M)
+    core = np.concatenate([broad, np.clip(driven, 0, len(known_counts) - 1)])
+    if not len(core):
+        core = known
+    first, last = int(core.min()), int(core.max())
+    ray_cells = RAY_LENGTH_M / resolution_m
+    if first - known[0] <= ray_cells:
+        first = min(first, int(known[0]))
+    if known[-1] - last <= ray_cells:
+        last = max(last, int(known[-1]))
+    return first, last + 1

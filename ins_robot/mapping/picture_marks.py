@@ -17,7 +17,7 @@ from PIL import ImageDraw, ImageFont
 
 from ins_robot.geometry.angles import FloatArray
 from ins_robot.geometry.pose2 import Pose2
-from ins_robot.mapping.map_picture import FOOTER_PX, Frame, MapPicture
+from ins_robot.mapping.map_picture import Frame, MapPicture
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -40,25 +40,39 @@ _OPEN_GAP = (240, 130, 20)
 _OTHER_GAP = (148, 158, 172)
 _ROBOT = (214, 40, 57)
 
-_TEXT_PX = 15
-_EDGE_PX = 16
+_FOOTER = 64  # lengths below are in units, see `unit_px`
+_TEXT = 15
+_EDGE = 16
 
 
-def draw_marks(image: Image, height: int, picture: MapPicture, frame: Frame) -> None:
-    """Draw all marks on the upper `height` rows of the image."""
+def unit_px(width: int, height: int) -> float:
+    """Pixels to which marks and texts are sized: 1 up to 1000 pixels, then growing along."""
+    return max(1.0, max(width, height) / 1000.0)
+
+
+def footer_px(width: int, height: int) -> int:
+    """Height of the footer below a map of this size."""
+    return round(_FOOTER * unit_px(width, height))
+
+
+def draw_marks(image: Image, size: tuple[int, int], picture: MapPicture, frame: Frame) -> None:
+    """Draw all marks on the map, the upper `size` (width, height) of the image."""
+    unit = unit_px(*size)
+    width, height = size
     for top in range(0, height, BAND_PX):
-        size = (image.width, min(BAND_PX, height - top))
-        band = PilImage.new("RGBA", (size[0] * SMOOTH, size[1] * SMOOTH), (*_WAY, 0))
-        _Band(band, top, frame).draw(picture)
-        band = band.resize(size, PilImage.Resampling.BOX)
+        rows = min(BAND_PX, height - top)
+        band = PilImage.new("RGBA", (width * SMOOTH, rows * SMOOTH), (*_WAY, 0))
+        _Band(band, top, frame, unit * SMOOTH).draw(picture)
+        band = band.resize((width, rows), PilImage.Resampling.BOX)
         image.paste(band, (0, top), band)
 
 
 class _Band:
     """One horizontal stripe of the picture, to be drawn at `SMOOTH` times its size."""
 
-    def __init__(self, image: Image, top: int, frame: Frame) -> None:
+    def __init__(self, image: Image, top: int, frame: Frame, unit: float) -> None:
         self._draw = ImageDraw.Draw(image)
+        self._unit = unit
         self._top = top
         self._frame = frame
 
@@ -83,25 +97,30 @@ class _Band:
         pixels = self._frame.pixels(points_m).reshape(-1, 2)
         return [(float(x) * SMOOTH, (float(y) - self._top) * SMOOTH) for x, y in pixels]
 
-    def _line(self, points: Sequence[Point], colour: Colour, width_px: int) -> None:
+    def _line(self, points: Sequence[Point], colour: Colour, width: int) -> None:
         if len(points) > 1:
-            self._draw.line(list(points), fill=colour, width=width_px * SMOOTH, joint="curve")
+            pixels = round(width * self._unit)
+            self._draw.line(list(points), fill=colour, width=pixels, joint="curve")
 
-    def _disc(self, at: Point, colour: Colour, radius_px: float, edge_px: float) -> None:
-        if edge_px:
-            self._draw.circle(at, (radius_px + edge_px) * SMOOTH, fill=_WHITE)
-        self._draw.circle(at, radius_px * SMOOTH, fill=colour)
+    def _disc(self, at: Point, colour: Colour, radius: float, edge: float) -> None:
+        if edge:
+            self._draw.circle(at, (radius + edge) * self._unit, fill=_WHITE)
+        self._draw.circle(at, radius * self._unit, fill=colour)
 
     def _gap(self, ends_m: FloatArray, *, is_open: bool) -> None:
         colour = _OPEN_GAP if is_open else _OTHER_GAP
         self._line(self._at(ends_m), colour, 3 if is_open else 1)
         middle = self._at(ends_m.mean(axis=0))[0]
-        self._draw.polygon(_diamond(middle, (5.5 if is_open else 2.5) * SMOOTH), fill=colour)
+        self._draw.polygon(
+            _diamond(middle, (5.5 if is_open else 2.5) * self._unit), fill=colour
+        )
 
     def _robot(self, robot: Pose2, radius_m: float) -> None:
         x, y = self._at(np.array([robot.x_m, robot.y_m]))[0]
-        radius = max(radius_m * self._frame.px_per_m, 7.0) * SMOOTH
-        self._draw.circle((x, y), radius, fill=(*_ROBOT, 70), outline=_ROBOT, width=2 * SMOOTH)
+        radius = max(radius_m * self._frame.px_per_m * SMOOTH, 7.0 * self._unit)
+        self._draw.circle(
+            (x, y), radius, fill=(*_ROBOT, 70), outline=_ROBOT, width=round(2 * self._unit)
+        )
         c, s = math.cos(robot.heading_rad), math.sin(robot.heading_rad)
         self._line([(x, y), (x + 1.6 * radius * c, y - 1.6 * radius * s)], _ROBOT, 3)
 
@@ -119,45 +138,51 @@ def _thinned(way_m: FloatArray, step_m: float) -> FloatArray:
     return np.asarray(way_m[is_kept], dtype=np.float64)
 
 
-def draw_footer(image: Image, top: int, picture: MapPicture, frame: Frame) -> None:
-    """Caption, legend and scale bar, below row `top`."""
+def draw_footer(image: Image, size: tuple[int, int], picture: MapPicture, frame: Frame) -> None:
+    """Caption, legend and scale bar, below the map of `size` (width, height)."""
+    unit = unit_px(*size)
+    top = size[1]
     draw = ImageDraw.Draw(image)
-    font = ImageFont.load_default(_TEXT_PX)
-    draw.line([(0, top), (image.width, top)], fill=_RULE)
-    room = _draw_scale_bar(draw, top, image.width, frame) - 12
+    font = ImageFont.load_default(_TEXT * unit)
+    draw.line([(0, top), (image.width, top)], fill=_RULE, width=round(unit))
+    room = _draw_scale_bar(draw, size, frame, unit) - 12 * unit
 
     caption = picture.caption
-    while len(caption) > 1 and _EDGE_PX + draw.textlength(caption, font=font) > room:
+    while len(caption) > 1 and _EDGE * unit + draw.textlength(caption, font=font) > room:
         caption = caption[:-2].rstrip(" ;,") + "\N{HORIZONTAL ELLIPSIS}"
-    draw.text((_EDGE_PX, top + 10), caption, fill=_INK, font=font)
+    draw.text((_EDGE * unit, top + 10 * unit), caption, fill=_INK, font=font)
 
-    x, y = float(_EDGE_PX), float(top + FOOTER_PX - 19)
+    x, y = _EDGE * unit, top + (_FOOTER - 19) * unit
     for shape, colour, label in _legend(picture):
-        end = x + 18 + draw.textlength(label, font=font)
+        end = x + 18 * unit + draw.textlength(label, font=font)
         if end > room:
             break
+        centre = (x + 5 * unit, y)
         if shape == "line":
-            draw.line([(x - 1, y), (x + 11, y)], fill=colour, width=3)
+            draw.line([(x - unit, y), (x + 11 * unit, y)], fill=colour, width=round(3 * unit))
         elif shape == "ring":
-            draw.circle((x + 5, y), 5, outline=colour, width=2)
+            draw.circle(centre, 5 * unit, outline=colour, width=round(2 * unit))
         elif shape == "disc":
-            draw.circle((x + 5, y), 5, fill=colour)
+            draw.circle(centre, 5 * unit, fill=colour)
         else:
-            draw.polygon(_diamond((x + 5, y), 6), fill=colour)
-        draw.text((x + 17, y), label, fill=_INK, font=font, anchor="lm")
-        x = end + 16
+            draw.polygon(_diamond(centre, 6 * unit), fill=colour)
+        draw.text((x + 17 * unit, y), label, fill=_INK, font=font, anchor="lm")
+        x = end + 16 * unit
 
 
-def _draw_scale_bar(draw: ImageDraw.ImageDraw, top: int, width: int, frame: Frame) -> float:
+def _draw_scale_bar(
+    draw: ImageDraw.ImageDraw, size: tuple[int, int], frame: Frame, unit: float
+) -> float:
     """Draw it at the right; the column where it begins."""
-    length_m = scale_bar_m(0.22 * width / frame.px_per_m)
-    length_px = length_m * frame.px_per_m
-    x, y = width - _EDGE_PX - length_px, top + 20
-    draw.line([(x, y), (x + length_px, y)], fill=_INK, width=3)
-    for end in (x, x + length_px):
-        draw.line([(end, y - 5), (end, y + 5)], fill=_INK, width=2)
-    font = ImageFont.load_default(_TEXT_PX)
-    draw.text((x + length_px / 2, y + 8), f"{length_m:g} m", fill=_INK, font=font, anchor="ma")
+    length_m = scale_bar_m(0.22 * size[0] / frame.px_per_m)
+    length = length_m * frame.px_per_m
+    x, y, tick = size[0] - _EDGE * unit - length, size[1] + 20 * unit, 5 * unit
+    draw.line([(x, y), (x + length, y)], fill=_INK, width=round(3 * unit))
+    for end in (x, x + length):
+        draw.line([(end, y - tick), (end, y + tick)], fill=_INK, width=round(2 * unit))
+    middle = (x + length / 2, y + 8 * unit)
+    font = ImageFont.load_default(_TEXT * unit)
+    draw.text(middle, f"{length_m:g} m", fill=_INK, font=font, anchor="ma")
     return x
 
 

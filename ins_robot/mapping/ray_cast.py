@@ -23,7 +23,7 @@ _PARALLEL = 1e-9
 """A ray this parallel to a family of lines crosses it a billion cells away."""
 _SLAB = 32
 """Crossings of a ray looked up before rays that have found something are dropped (measured)."""
-_LOOKUPS = 6000
+_LOOKUPS = 4000
 """So few lookups cost no more than the calls around them: few rays, longer slabs (measured)."""
 _BLOCK = 600
 """Rays worked on at once, so that a slab stays in a small processor's cache (measured)."""

@@ -207,7 +207,7 @@ class Explorer:
         """What is unseen, where the robot can go, and what it costs: one wave."""
         is_allowed = self._allowed(grid)
         unseen = survey_unseen(grid, self._config.frontier_min_m, self._barren, is_allowed)
-        terrain = survey_terrain(grid, pose, self._body, unseen.is_unseen, is_allowed)
+        terrain = survey_terrain(grid, pose, self._body, unseen.is_hidden, is_allowed)
         return _Scene(grid=grid, terrain=terrain, unseen=unseen)
 
     def _allowed(self, grid: OccupancyGrid) -> np.ndarray | None:

@@ -108,22 +108,22 @@ def survey_terrain(
     grid: OccupancyGrid,
     pose: Pose2,
     body: BodyRules,
-    is_unseen: BoolArray,
+    is_hidden: BoolArray,
     is_allowed: BoolArray | None = None,
 ) -> Terrain:
     """Price the ground as seen from a pose.
 
     Parameters
     ----------
-    is_unseen : (H, W) bool
-        Cells the body must not reach into.
+    is_hidden : (H, W) bool
+        Cells the body must not reach into: see `Unseen`.
     is_allowed : (H, W) bool, optional
         Where the robot's centre may be at all.
     """
     row, col = grid.cells(np.array([pose.x_m, pose.y_m]))
     start = (int(row), int(col))
     clearance = grid.distance_m() - 0.5 * grid.resolution_m
-    factor = _ground_factors(grid, clearance, body, is_unseen)
+    factor = _ground_factors(grid, clearance, body, is_hidden)
     if is_allowed is not None:
         factor[~is_allowed] = np.inf
     _open_escape(factor, grid, clearance, body, start)
@@ -135,7 +135,7 @@ def survey_terrain(
 
 
 def _ground_factors(
-    grid: OccupancyGrid, clearance: FloatArray, body: BodyRules, is_unseen: BoolArray
+    grid: OccupancyGrid, clearance: FloatArray, body: BodyRules, is_hidden: BoolArray
 ) -> FloatArray:
     """(H, W) cost per metre of known free ground."""
     needed = body.radius_m + MARGIN_CELLS * grid.resolution_m
@@ -144,9 +144,9 @@ def _ground_factors(
     factor = 1.0 + EASE_WEIGHT * lack * lack
     factor[clearance < preferred] *= TIGHT_FACTOR
     is_open = grid.is_free & (clearance >= needed)
-    if is_unseen.any():
-        unseen_m = distance_transform_edt(~is_unseen, sampling=grid.resolution_m)
-        is_open &= unseen_m - 0.5 * grid.resolution_m >= body.radius_m
+    if is_hidden.any():
+        hidden_m = distance_transform_edt(~is_hidden, sampling=grid.resolution_m)
+        is_open &= hidden_m - 0.5 * grid.resolution_m >= body.radius_m
     factor[~is_open] = np.inf
     return factor
 

@@ -140,7 +140,9 @@ class WorldOptics:
 
         def cells_at(depth: FloatArray) -> NDArray[np.int64]:
             rows = (starts[:, 0] + depth * beams.sin).astype(np.int64)
-            return rows * walls.shape[1] + (starts[:, 1] + depth * beams.cos).astype(np.int64)
+            cols = (starts[:, 1] + depth * beams.cos).astype(np.int64)
+            flat: NDArray[np.int64] = rows * walls.shape[1] + cols
+            return flat
 
         # Walls face the air half a cell before them; what they are made of lies in them.
         return _Wall(

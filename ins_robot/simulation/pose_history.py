@@ -22,18 +22,18 @@ class PoseHistory:
     def __init__(self, stamp_s: float, pose: tuple[float, float, float]) -> None:
         self._stamps = array("d", [stamp_s])
         self._poses = array("d", pose)
-        self._stands_since = False
+        self._stands = False
         self._last = pose
 
     def append(self, stamp_s: float, pose: tuple[float, float, float]) -> None:
         """Add a pose; stamps must ascend."""
         if pose == self._last:
-            if self._stands_since:  # push the end of the rest on
+            if self._stands:  # push the end of the rest on
                 self._stamps[-1] = stamp_s
                 return
-            self._stands_since = True
+            self._stands = True
         else:
-            self._stands_since = False
+            self._stands = False
         self._last = pose
         self._stamps.append(stamp_s)
         self._poses.extend(pose)
@@ -53,7 +53,11 @@ class PoseHistory:
         world frame): devices that live on other ticks look a few milliseconds ahead. Before the
         first entry it stands there.
         """
-        tail = self._tail_for(float(stamps_s.min()) if stamps_s.size else self._stamps[-1])
+        oldest_s = float(stamps_s.min()) if stamps_s.size else self._stamps[-1]
+        if self._stands and oldest_s >= self._stamps[-2]:
+            x, y, heading = self._last
+            return np.tile((x, y, wrap_rad(heading)), (stamps_s.size, 1))
+        tail = self._tail_for(oldest_s)
         known = np.array(self._stamps[tail:])
         poses = np.array(self._poses[3 * tail :]).reshape(-1, 3)
         ahead = np.maximum(stamps_s - known[-1], 0.0)

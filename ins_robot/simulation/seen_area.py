@@ -19,8 +19,8 @@ from ins_robot.mapping.ray_cast import cast_rays, cells_on_rays
 from ins_robot.simulation.world import World
 
 _BATCH = 4096
-_WEDGE_RAD = np.radians([-0.4, 0.0, 0.4])
-"""Rays that fill a wedge: 0.04 m apart at 6 m, and 0.1 deg (1 cm) inside its edges."""
+_WEDGE_RAD = np.radians([-0.25, 0.25])
+"""Rays that fill a wedge, 0.05 m apart at 6 m: each stands for one half of it."""
 _SAME_PLACE_M = 0.02
 _SAME_BEARING_RAD = math.radians(0.5)
 

@@ -28,6 +28,8 @@ from ins_robot.mapping.map_picture import (
 )
 from ins_robot.mapping.picture_marks import scale_bar_m
 
+FOOTER = 150  # rows of a picture that may be below the map
+
 
 def random_map(rng, height, width, resolution_m=0.05, origin_m=(-1.3, 2.7)):
     cells = rng.integers(0, 3, (height, width))
@@ -170,13 +172,13 @@ def room():
 
 
 def colour_centre(image, colour):
-    rows, cols = np.nonzero((np.asarray(image)[:-64] == colour).all(axis=-1))
+    rows, cols = np.nonzero((np.asarray(image)[:-FOOTER] == colour).all(axis=-1))
     return cols.mean(), rows.mean()
 
 
 def test_things_are_drawn_where_they_are():
     empty = draw_map(MapPicture(grid=room()))
-    rows, cols = np.nonzero((np.asarray(empty)[:-64] == (24, 32, 44)).all(axis=-1))
+    rows, cols = np.nonzero((np.asarray(empty)[:-FOOTER] == (24, 32, 44)).all(axis=-1))
     # The outer edges of the walls give the frame: x -1.5 to 2.5 m, y -0.5 to 2.5 m.
     px_per_m = (cols.max() + 1 - cols.min()) / 4.0
     assert (rows.max() + 1 - rows.min()) / 3.0 == px_per_m

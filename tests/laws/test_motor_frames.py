@@ -95,6 +95,16 @@ def test_no_lost_byte_goes_unseen(frame: tuple[int, int, bytes], data: st.DataOb
     assert mcu.FrameDecoder().feed(line[:at] + line[at + 1 :]) == []
 
 
+@pytest.mark.parametrize("body", [b"\x04\x07", b"\x04\x07\x05\x05", b"\x60\x07\x05", b"\x04"])
+def test_a_sound_frame_of_another_length_or_kind_is_refused(body: bytes) -> None:
+    """Another protocol's CRC may well be right; its bytes are not ours to unpack."""
+    text = body + struct.pack("<H", binascii.crc_hqx(body, 0xFFFF))
+    assert b"\0" not in text
+    decoder = mcu.FrameDecoder()
+    assert decoder.feed(b"\0" + bytes([len(text) + 1]) + text + b"\0") == []
+    assert decoder.rejected == 1
+
+
 def test_endless_garbage_stays_bounded_and_is_counted_once() -> None:
     decoder = mcu.FrameDecoder()
     for _ in range(1000):

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from ins_robot.config import Config
     from ins_robot.geometry.pose2 import Pose2
 
-PROGRESS_PERIOD_S = 10.0  # of robot time
+PROGRESS_PERIOD_S = 5.0  # of robot time
 XY, XYDEG = 2, 3
 
 
@@ -100,6 +100,8 @@ async def _direct(robot: Any, directory: Path) -> None:
             async with asyncio.timeout(PROGRESS_PERIOD_S):
                 await robot.finished.wait()
         except TimeoutError:
+            if robot.stop_latch.is_set:  # nobody is there to clear it
+                await robot.end(robot.stop_latch.reason, failed=True)
             if is_terminal and robot.mission is not None:
                 core = robot.mission.core
                 print(

@@ -141,7 +141,11 @@ def test_a_set_point_too_fast_is_scaled_as_a_whole(bench: Bench) -> None:
     assert bench.speeds == pytest.approx([8.0, -4.0, 2.0], rel=0.03)
 
 
-@pytest.mark.parametrize(("first_ms", "first_counts"), [(2**32 - 300, 2**31 - 200)])
+@pytest.mark.parametrize(
+    ("first_ms", "first_counts"),
+    [(2**32 - 300, 2**31 - 200), (2**32 - 1600, -(2**31) + 200)],
+    ids=["while driving", "in the silence after"],
+)
 def test_wrapping_time_and_counts_change_nothing(first_ms: int, first_counts: int) -> None:
     plain, wrapping = Bench(), Bench(first_ms, first_counts)
     for bench in (plain, wrapping):
@@ -240,6 +244,14 @@ def test_a_set_point_lasts_no_longer_than_it_says(bench: Bench) -> None:
     assert bench.told_fault == mcu.FAULT_DEAD_MAN
 
 
+def test_a_set_point_cannot_outlast_the_dead_man(bench: Bench) -> None:
+    bench.set_point(4.0, 4.0, 4.0, validity_ms=60_000)
+    bench.run(200)
+    assert bench.told_fault == mcu.NO_FAULT
+    bench.run(40)
+    assert bench.told_fault == mcu.FAULT_DEAD_MAN
+
+
 # Latches
 
 
@@ -314,6 +326,17 @@ def test_a_bumper_brakes_harder_than_a_dead_man_stop() -> None:
         ways[name] = bench._turned[0] - before
     assert ways["bumper"] < 0.2  # rad: 1 cm at the rim
     assert ways["bumper"] < 0.5 * ways["dead man"] < 0.5
+
+
+def test_a_set_point_from_before_the_rearm_starts_nothing(bench: Bench) -> None:
+    bench.inputs = mcu.BUMPER
+    bench.run(50)
+    bench.inputs = 0
+    bench.set_point(4.0, 4.0, 4.0)
+    bench.rearm(mcu.FAULT_BUMPER)
+    bench.run(150)
+    assert bench.told_fault == mcu.NO_FAULT
+    assert bench.speeds == [0.0, 0.0, 0.0]
 
 
 def test_a_restart_of_the_host_finds_the_fault_still_latched(bench: Bench) -> None:
