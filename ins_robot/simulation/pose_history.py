@@ -41,11 +41,6 @@ class PoseHistory:
     def __len__(self) -> int:
         return len(self._stamps)
 
-    @property
-    def start_s(self) -> float:
-        """Stamp of the first pose."""
-        return self._stamps[0]
-
     def at(self, stamps_s: FloatArray, twist_world: tuple[float, float, float]) -> FloatArray:
         """(N, 3) poses at the stamps (N,), headings wrapped.
 
