@@ -74,7 +74,9 @@ class LoopCloser:
         self, nodes: NodeMap, node: int, linked: list[int], scan: Surfels
     ) -> list[Closure]:
         """Closures that are certain now; most times none."""
-        found = self._search(nodes, node, linked, scan) or self._recheck(nodes, node, linked, scan)
+        found = self._search(nodes, node, linked, scan) or self._recheck(
+            nodes, node, linked, scan
+        )
         self._pending = [c for c in self._pending if node - c.node <= PATIENCE]
         if found is None:
             return []
@@ -147,7 +149,10 @@ class LoopCloser:
             return None
         correction = compose(match.pose, inverse(pose))
         return Closure(
-            node=node, pose=match.pose, match=match, correction=correction,
+            node=node,
+            pose=match.pose,
+            match=match,
+            correction=correction,
             moved_m=math.dist(match.pose[:2], pose[:2]),
             turned_rad=abs(wrap_rad(float(match.pose[2] - pose[2]))),
         )

@@ -259,7 +259,9 @@ def align(
     best = int(np.argmin(cost))
     information, gradient = _normal_equations(residuals, weights)
     error = np.hypot(residuals.normal_m[best], residuals.tangent_m[best])
-    is_inlier = residuals.is_matched[best] & (error < INLIER_STDS * np.sqrt(residuals.var_m2[best]))
+    is_inlier = residuals.is_matched[best] & (
+        error < INLIER_STDS * np.sqrt(residuals.var_m2[best])
+    )
     pose = poses[best]
     pose[2] = wrap_rad(float(pose[2]))
     return Alignment(
