@@ -28,7 +28,9 @@ T = TypeVar("T")
 BUS_TIMEOUT_S = 2.0  # longer than an adapter's own; past it the thread is stuck
 FAILURES_MAX = 25  # cycles in a row without an answer: half a second at 50 Hz
 OPEN_ATTEMPTS = 3
-COMPASS_PERIOD_S = 1.0 / 15.0
+# The chip's 67 ms and its oscillator's tolerance. Its "ready" stays on after reading, so that
+# asking sooner would count one measurement twice.
+COMPASS_PERIOD_S = 0.075
 COMPASS_FAILURES_MAX = 10
 
 _log = logging.getLogger(__name__)
@@ -164,6 +166,7 @@ class ImuDriver:
         """In the thread: the field in the base frame, when a new one is due and there."""
         if self._compass is None or now_s < self._compass_due_s:
             return None
+        self._compass_due_s = now_s + COMPASS_PERIOD_S
         try:
             field = self._compass.read()
         except OSError as error:
@@ -173,7 +176,6 @@ class ImuDriver:
         self._compass_failures = 0
         if field is None:
             return None
-        self._compass_due_s = now_s + COMPASS_PERIOD_S
         self.health.fields += 1
         x, y, z = field
         c, s = self._mount
