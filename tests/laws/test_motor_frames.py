@@ -48,16 +48,11 @@ def test_crc_check_value() -> None:
     assert mcu.crc16(b"123456789") == 0x29B1
 
 
-def test_golden_frames() -> None:
-    """Bytes worked out by hand: a HELLO, and a REARM of the dead-man fault after frame 0."""
-    assert mcu.encode_frame(mcu.HELLO, 1, b"\x01") == bytes.fromhex(
-        "00 06 01 01 01 {} 00".format(
-            struct.pack("<H", binascii.crc_hqx(b"\x01\x01\x01", 0xFFFF)).hex()
-        )
-    )
-    crc = struct.pack("<H", binascii.crc_hqx(b"\x04\x00\x05", 0xFFFF))
-    assert b"\0" not in crc
-    assert mcu.encode_frame(mcu.REARM, 0, b"\x05") == b"\0\x02\x04\x04\x05" + crc + b"\0"
+def test_golden_frame_of_the_document() -> None:
+    """REARM of fault 5 with seq 0: its zero is stuffed, its CRC is 0x40F9."""
+    line = bytes.fromhex("00 02 04 04 05 f9 40 00")
+    assert mcu.encode_frame(mcu.REARM, 0, b"\x05") == line
+    assert mcu.FrameDecoder().feed(line) == [(mcu.REARM, 0, b"\x05")]
 
 
 @given(st.lists(frames(), max_size=6))

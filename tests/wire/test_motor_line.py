@@ -269,9 +269,12 @@ def test_rearm_gets_through_a_bad_wire() -> None:
 
 def test_rearm_without_a_fault_sends_nothing() -> None:
     async def main() -> None:
+        sent: list[bytes] = []
         async with joined() as line:
             await line.drive(0.1)
+            line.wire.to_device = lambda data: sent.append(data) or data
             await line.driver.rearm()
+            assert sent == []
 
     run(main())
 

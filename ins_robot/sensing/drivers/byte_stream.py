@@ -148,12 +148,11 @@ class SerialStream:
 
 def _open(port: str, baud: int) -> serial.Serial:
     try:
-        # timeout 0: non-blocking. pyserial sets raw mode, and forgives a pty its missing DTR.
-        line = serial.Serial(port, baud, timeout=0, write_timeout=0, exclusive=True)
+        # timeout 0: non-blocking. pyserial sets raw mode, drops what came before, and forgives
+        # a pty its missing DTR.
+        return serial.Serial(port, baud, timeout=0, write_timeout=0, exclusive=True)
     except (OSError, ValueError) as error:  # SerialException is an OSError
         raise DeviceError(f"serial port {port}: {_reason(error, baud)}") from None
-    line.reset_input_buffer()  # what came before belongs to nobody
-    return line
 
 
 def _reason(error: Exception, baud: int) -> str:

@@ -20,17 +20,16 @@ class DeviceClock:
         self._time_ms: int | None = None
         self._elapsed_ms = 0
         self._offset_s = 0.0
-        self._stamp_s = 0.0
 
     def stamp(self, time_ms: int, arrival_s: float) -> float | None:
-        """Host time in s of device time `time_ms`; ascending, never after `arrival_s`.
+        """Host time in s of device time `time_ms`: never after `arrival_s`, never falling.
 
         None when the device's clock did not move on by a believable step. Afterwards `device_s`
         is the device's time since the first frame.
         """
         if self._time_ms is None:
             self._time_ms = time_ms
-            self._offset_s = self._stamp_s = arrival_s
+            self._offset_s = arrival_s
             return arrival_s
         step_ms = (time_ms - self._time_ms) & 0xFFFFFFFF
         if not 0 < step_ms <= STEP_MAX_MS:
@@ -39,9 +38,8 @@ class DeviceClock:
         self._elapsed_ms += step_ms
         self.device_s = self._elapsed_ms * 1e-3
         late_s = arrival_s - self.device_s - self._offset_s
-        self._offset_s += (
-            late_s if late_s < 0.0 else late_s * min(1.0, step_ms * 1e-3 / AGEING_S)
-        )
-        # An offset just found too late must not turn time back.
-        self._stamp_s = min(arrival_s, max(self._stamp_s, self.device_s + self._offset_s))
-        return self._stamp_s
+        if late_s <= 0.0:
+            self._offset_s += late_s
+            return arrival_s
+        self._offset_s += late_s * min(1.0, step_ms * 1e-3 / AGEING_S)
+        return self.device_s + self._offset_s

@@ -176,6 +176,12 @@ def test_a_wheel_reaches_its_set_point_without_swinging(lag_s: float, speed: flo
     assert bench.speeds[1] == bench.speeds[2] == 0.0
 
 
+def test_a_jump_of_the_set_point_becomes_a_ramp(bench: Bench) -> None:
+    """40 rad/s2: a host without limits of its own does not shake the robot."""
+    bench.run(100, driving=(8.0, 0.0, 0.0))
+    assert 1.0 < bench.speeds[0] < 4.2
+
+
 def test_a_blocked_wheel_winds_nothing_up(bench: Bench) -> None:
     bench.run(500, driving=(4.0, 4.0, 4.0))
     bench.is_blocked = True
