@@ -9,8 +9,6 @@ along the wall's normal, so that it slides. All poses are true and in the world 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from enum import StrEnum
 
 import numpy as np
 
@@ -19,6 +17,7 @@ from ins_robot.control.kinematics import OmniKinematics
 from ins_robot.errors import InputError
 from ins_robot.geometry.angles import FloatArray, wrap_rad
 from ins_robot.geometry.pose2 import Pose2
+from ins_robot.simulation.body_faults import BodyFault, FaultSchedule
 from ins_robot.simulation.emulators.motor import BodyInputs
 from ins_robot.simulation.magnetic_field import MagneticField
 from ins_robot.simulation.noise import GaussianSource, OrnsteinUhlenbeck
@@ -42,32 +41,9 @@ _STANDS_RADPS = 1e-6
 
 Triple = tuple[float, float, float]
 
-
-class BodyFault(StrEnum):
-    """What can go wrong with the body on purpose; see `RobotBody.schedule`."""
-
-    SLIP_BURST = "slip_burst"
-    """Two wheels lose most of their grip: the body turns and falls behind its encoders."""
-    STUCK = "stuck"
-    """Wheels turn, the body stays: a carpet's edge."""
-    CLIFF = "cliff"
-    """The cliff input is on."""
-    EMERGENCY_STOP = "emergency_stop"
-    """The emergency-stop input is on."""
-    BATTERY_LOW = "battery_low"
-    """The battery reads 9 V."""
-
-
 _BURST_GRIP: Triple = (0.2, 1.0, 0.4)
 _NO_GRIP: Triple = (0.0, 0.0, 0.0)
 _BATTERY_LOW_V = 9.0
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _ScheduledFault:
-    fault: BodyFault
-    from_s: float
-    until_s: float
 
 
 class RobotBody:
@@ -126,7 +102,7 @@ class RobotBody:
         self._twist_world: Triple = (0.0, 0.0, 0.0)
         self._is_touching = False
         self._touched_s = -math.inf
-        self._faults: list[_ScheduledFault] = []
+        self._faults = FaultSchedule()
         self._history = PoseHistory(start_s, (self._x_m, self._y_m, self._heading_rad))
 
     # Body of the motor emulator.
@@ -144,7 +120,7 @@ class RobotBody:
 
     def inputs(self) -> BodyInputs:
         """Bumper, cliff, emergency stop and battery now."""
-        faults = self._active_faults()
+        faults = self._faults.active(self._now_s)
         hours = (self._now_s - self._start_s) / 3600.0
         low = BodyFault.BATTERY_LOW in faults
         return BodyInputs(
@@ -190,9 +166,7 @@ class RobotBody:
 
     def schedule(self, fault: BodyFault, from_s: float, duration_s: float) -> None:
         """Let a fault happen for a while of robot time."""
-        self._faults.append(
-            _ScheduledFault(fault=fault, from_s=from_s, until_s=from_s + duration_s)
-        )
+        self._faults.add(fault, from_s, duration_s)
 
     def kidnap(self, to: Pose2) -> None:
         """Carry the robot elsewhere, wheels unaware; InputError where it does not fit."""
@@ -201,10 +175,6 @@ class RobotBody:
                 f"kidnap to {to.x_m:.2f}, {to.y_m:.2f}: the body does not fit there"
             )
         self._x_m, self._y_m, self._heading_rad = to.x_m, to.y_m, to.heading_rad
-
-    def _active_faults(self) -> set[BodyFault]:
-        now = self._now_s
-        return {f.fault for f in self._faults if f.from_s <= now < f.until_s}
 
     def _step(self, dt_s: float, duties: Triple) -> None:
         self._now_s += dt_s
@@ -252,12 +222,11 @@ class RobotBody:
             self._grip[wheel] + self._slip_std * self._slips[wheel].step(dt_s)
             for wheel in range(3)
         ]
-        if self._faults:
-            faults = self._active_faults()
-            if BodyFault.SLIP_BURST in faults:
-                grip = [g * burst for g, burst in zip(grip, _BURST_GRIP, strict=True)]
-            if BodyFault.STUCK in faults:
-                grip = [*_NO_GRIP]
+        faults = self._faults.active(self._now_s)
+        if BodyFault.SLIP_BURST in faults:
+            grip = [g * burst for g, burst in zip(grip, _BURST_GRIP, strict=True)]
+        if BodyFault.STUCK in faults:
+            grip = [*_NO_GRIP]
         a, b, c = self._speeds_radps
         return a * grip[0], b * grip[1], c * grip[2]
 

@@ -11,7 +11,8 @@ from ins_robot.config import Config, SimulationConfig
 from ins_robot.control.kinematics import OmniKinematics
 from ins_robot.errors import InputError
 from ins_robot.geometry.pose2 import Pose2
-from ins_robot.simulation.robot_body import BodyFault, RobotBody
+from ins_robot.simulation.body_faults import BodyFault
+from ins_robot.simulation.robot_body import RobotBody
 from ins_robot.simulation.world import World
 
 IDEAL = replace(

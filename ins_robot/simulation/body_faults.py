@@ -1,0 +1,45 @@
+# SPDX-License-Identifier: MIT
+"""What can go wrong with the simulated body on purpose, and when: for scenarios."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from typing import NamedTuple
+
+
+class BodyFault(StrEnum):
+    """A fault by name."""
+
+    SLIP_BURST = "slip_burst"
+    """Two wheels lose most of their grip: the body turns and falls behind its encoders."""
+    STUCK = "stuck"
+    """Wheels turn, the body stays: a carpet's edge."""
+    CLIFF = "cliff"
+    """The cliff input is on."""
+    EMERGENCY_STOP = "emergency_stop"
+    """The emergency-stop input is on."""
+    BATTERY_LOW = "battery_low"
+    """The battery reads 9 V."""
+
+
+class _Episode(NamedTuple):
+    fault: BodyFault
+    from_s: float
+    until_s: float
+
+
+class FaultSchedule:
+    """Which faults happen when, in robot time."""
+
+    def __init__(self) -> None:
+        self._episodes: list[_Episode] = []
+
+    def add(self, fault: BodyFault, from_s: float, duration_s: float) -> None:
+        """Let a fault happen for a while."""
+        self._episodes.append(_Episode(fault, from_s, from_s + duration_s))
+
+    def active(self, now_s: float) -> frozenset[BodyFault]:
+        """The faults that are happening."""
+        if not self._episodes:
+            return frozenset()
+        return frozenset(e.fault for e in self._episodes if e.from_s <= now_s < e.until_s)
