@@ -2,8 +2,8 @@
 """Three omni wheels: body velocity to wheel speeds and back.
 
 A positive wheel speed drives the body counter-clockwise, for all three wheels. How a motor is
-wired (`wheels.signs`) is the motor driver's business alone. The wheel at polar angle a of a base
-with arm L turns at w with r w = -sin(a) vx + cos(a) vy + L omega (Palacin et al. 2022).
+wired (`wheels.signs`) is the motor driver's business alone. The rim of the wheel at polar angle
+a moves as its hub does along it: r w = -sin(a) vx + cos(a) vy + L omega.
 """
 
 from __future__ import annotations
