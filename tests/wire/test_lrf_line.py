@@ -82,7 +82,9 @@ def test_beam_times_are_true_within_milliseconds_speed_ripple_and_all() -> None:
         assert abs(error_s.mean()) < 0.003
 
 
-def test_the_motor_turns_only_while_scanning_and_old_data_is_dropped() -> None:
+def test_the_motor_turns_only_while_scanning_and_old_data_is_dropped(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
     async def main() -> None:
         optics = StandingOptics()
         device = LrfEmulator(optics, np.random.default_rng(0))
@@ -101,6 +103,7 @@ def test_the_motor_turns_only_while_scanning_and_old_data_is_dropped() -> None:
             assert line.driver.health.motor_restarts == 0
 
     on_virtual_time(main())
+    assert "with the motor on" not in caplog.text  # the banner of the last stop was dropped
 
 
 def test_a_reader_that_runs_all_the_time_sees_every_motor_period() -> None:
@@ -146,6 +149,23 @@ def test_too_slow_beams_raise_the_set_speed_and_the_log_says_so(
     assert "raised to 250 rpm" in raised[1]
 
 
+def test_a_raised_set_speed_stays_when_its_confirmation_is_lost() -> None:
+    async def main() -> tuple[float, float]:
+        is_open = False
+
+        def mangle(data: bytes) -> bytes:
+            return data.replace(b"New RPM", b"N#w RPM") if is_open else data
+
+        async with lrf_line(emulator(slow_rpm=210.0), mangle=mangle) as line:
+            is_open = True
+            await line.scan(1)
+            line.stream.write(b"SaveConfig\n")  # any other line
+            scans = await line.scan(1)
+            return line.driver.set_rpm, scans[0].rpm
+
+    assert on_virtual_time(main()) == (225.0, pytest.approx(225.0, rel=0.08))
+
+
 def test_a_set_speed_the_controller_does_not_take_is_told(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
@@ -185,12 +205,13 @@ def test_a_rotor_held_for_a_moment_comes_back_by_itself(
             revolutions = line.driver.revolutions()
             for _ in range(5):
                 await anext(revolutions)
-            line.emulator.block_rotor()
-            asyncio.get_running_loop().call_later(1.0, line.emulator.release_rotor)
-            for _ in range(5):
-                revolution = await anext(revolutions)
-            assert revolution.rpm == pytest.approx(200.0, rel=0.05)
-            assert line.driver.health.motor_restarts >= 1
+            for _ in range(3):  # more often than restarts in a row are allowed
+                line.emulator.block_rotor()
+                asyncio.get_running_loop().call_later(1.0, line.emulator.release_rotor)
+                for _ in range(8):
+                    revolution = await anext(revolutions)
+                assert revolution.rpm == pytest.approx(200.0, rel=0.05)
+            assert line.driver.health.motor_restarts >= 3
 
     on_virtual_time(main())
     assert "motor switched on again" in caplog.text
