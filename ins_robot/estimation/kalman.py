@@ -202,7 +202,8 @@ class CentralKalman:
         z, R = np.array(values), np.diag(variances)
         ekf.update(z, lambda _x: H, H.dot, R=R)
         surprise = float(ekf.y @ ekf.SI @ ekf.y)  # normalised innovation squared
-        is_plausible = surprise <= INNOVATION_GATE
+        # NaN is not for the gate: `_settle` refuses it.
+        is_plausible = surprise <= INNOVATION_GATE or not math.isfinite(surprise)
         if not is_plausible:
             self.surprises += 1
             ekf.x, ekf.P = x_prior, P_prior
