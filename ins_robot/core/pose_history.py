@@ -20,18 +20,17 @@ from ins_robot.messages import MotionIncrement, VelocityCommand
 
 ROWS = 30_000  # 10 minutes at 50 Hz; standing long counts a row a second
 EXTRAPOLATE_MAX_S = 0.1
+NOTHING_YET = "no wheel sample has come yet, so no pose is known"
 
 
 class Row:
-    """Columns of a row: a pose (odom_from_base, heading not wrapped), then sums over steps."""
+    """Columns of a row: a pose (odom_from_base, heading not wrapped), then sums over steps.
+
+    Sums: position variance s (isotropic), heading variance w, its levers w x, w y, w xx, w xy,
+    w yy, and the time t in which the heading relied on the gyro's bias, with t x, t y.
+    """
 
     POSE = slice(0, 3)
-    POSITION_VAR = 3  # isotropic position variance
-    HEADING_VAR = 4  # w
-    LEVER = slice(5, 7)  # w x, w y
-    LEVER_SQUARES = slice(7, 10)  # w xx, w xy, w yy
-    GYRO_TIME = 10  # time the heading relied on the gyro's bias
-    GYRO_LEVER = slice(11, 13)  # that time times x, y
     SIZE = 13
 
 
@@ -43,7 +42,7 @@ class PoseHistory:
         self._stamps_s = np.empty(rows + rows // 4 + 1)
         self._rows = np.empty((len(self._stamps_s), Row.SIZE))
         self._count = 0
-        self._sums = [0.0] * (Row.SIZE - Row.POSITION_VAR)
+        self._sums = [0.0] * (Row.SIZE - Row.POSE.stop)
 
     def __len__(self) -> int:
         return self._count
@@ -91,7 +90,7 @@ class PoseHistory:
         outside get the nearest pose there is.
         """
         stamps_s = np.asarray(stamps_s, dtype=np.float64)
-        poses = self._interpolate(stamps_s, Row.POSE)
+        poses = self._interpolate(stamps_s)
         ahead_s = np.clip(stamps_s - self._stamps_s[self._count - 1], 0.0, EXTRAPOLATE_MAX_S)
         if ahead_s.any():
             middle = poses[:, 2] + 0.5 * twist.yaw_rate_radps * ahead_s
@@ -112,39 +111,45 @@ class PoseHistory:
         StateError
             When `from_s` is older than the history, or later than `to_s`.
         """
-        stamps_s = np.array([from_s, to_s])
         self._check(from_s, to_s)
-        poses = self.poses_at(stamps_s, twist)
-        sums = self._interpolate(stamps_s, slice(0, Row.SIZE))
-        added = sums[1] - sums[0]
-        w, t = float(added[Row.HEADING_VAR]), float(added[Row.GYRO_TIME])
-        # Sums are taken about the origin of odom; x, y: the end of the way.
-        x, y = float(poses[1, 0]), float(poses[1, 1])
-        wx, wy = added[Row.LEVER].tolist()
-        wxx, wxy, wyy = added[Row.LEVER_SQUARES].tolist()
-        tx, ty = added[Row.GYRO_LEVER].tolist()
-        # Lever turned by 90 degrees: an error e in heading moves the end by e * (-dy, dx).
-        covariance = np.diag([added[Row.POSITION_VAR]] * 2 + [w])
-        covariance[0, 0] += w * y * y - 2.0 * y * wy + wyy
-        covariance[1, 1] += w * x * x - 2.0 * x * wx + wxx
-        covariance[0, 1] -= w * x * y - x * wy - y * wx + wxy
-        covariance[0, 2], covariance[1, 2] = wy - w * y, w * x - wx
-        covariance[1, 0] = covariance[0, 1]
-        covariance[2, :2] = covariance[:2, 2]
-        # The bias error is one number for the whole way, so its effects add up before squaring.
-        bias_effect = np.array([ty - t * y, t * x - tx, t])
-        covariance += gyro_bias_var * np.outer(bias_effect, bias_effect)
-        start = Pose2.from_array(poses[0])
-        c, s = math.cos(start.heading_rad), math.sin(start.heading_rad)
-        base_from_odom = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+        v = gyro_bias_var
+        start, *sums_before = self._row_at(from_s, twist)
+        end, *sums_after = self._row_at(to_s, twist)
+        s, w, wx, wy, wxx, wxy, wyy, t, tx, ty = (
+            after - before for before, after in zip(sums_before, sums_after, strict=True)
+        )
+        # Sums are taken about the origin of odom; x, y: the end of the way. Lever turned by 90
+        # degrees: an error e in heading moves the end by e * (-dy, dx).
+        x, y = end.x_m, end.y_m
+        xx = s + w * y * y - 2.0 * y * wy + wyy
+        yy = s + w * x * x - 2.0 * x * wx + wxx
+        xy = x * wy + y * wx - w * x * y - wxy
+        xh, yh = wy - w * y, w * x - wx
+        # The bias error is one number for the whole way: its effects add up before squaring.
+        bx, by = ty - t * y, t * x - tx
+        xx, yy, xy = xx + v * bx * bx, yy + v * by * by, xy + v * bx * by
+        xh, yh, hh = xh + v * bx * t, yh + v * by * t, w + v * t * t
+        # From odom's axes into those of the base at the start.
+        c, d = math.cos(start.heading_rad), math.sin(start.heading_rad)
+        cross = c * d * (yy - xx) + (c * c - d * d) * xy
+        to_x, to_y = c * xh + d * yh, c * yh - d * xh
+        covariance = np.array(
+            [
+                [c * c * xx + 2.0 * c * d * xy + d * d * yy, cross, to_x],
+                [cross, d * d * xx - 2.0 * c * d * xy + c * c * yy, to_y],
+                [to_x, to_y, hh],
+            ]
+        )
         return MotionIncrement(
             from_stamp_s=from_s,
             to_stamp_s=to_s,
-            delta=start.between(Pose2.from_array(poses[1])),
-            covariance=base_from_odom @ covariance @ base_from_odom.T,
+            delta=start.between(end),
+            covariance=covariance,
         )
 
     def _check(self, from_s: float, to_s: float) -> None:
+        if not self._count:
+            raise StateError(NOTHING_YET)
         oldest_s = float(self._stamps_s[0])
         if from_s < oldest_s - EXTRAPOLATE_MAX_S:
             raise StateError(
@@ -154,11 +159,36 @@ class PoseHistory:
         if to_s < from_s:
             raise StateError(f"motion asked backwards, from {from_s:.3f} s to {to_s:.3f} s")
 
-    def _interpolate(self, stamps_s: FloatArray, columns: slice) -> FloatArray:
-        """(N, C) columns of the rows at `stamps_s`, linear between, the nearest row outside."""
+    def _row_at(
+        self, stamp_s: float, twist: VelocityCommand
+    ) -> tuple[Pose2, *tuple[float, ...]]:
+        """Pose and sums at one stamp: `poses_at` in plain floats, for callers at 50 Hz."""
+        last = self._count - 1
+        after = int(np.searchsorted(self._stamps_s[: self._count], stamp_s))
+        if after > last:
+            x, y, heading, *sums = self._rows[last].tolist()
+            ahead_s = min(stamp_s - float(self._stamps_s[last]), EXTRAPOLATE_MAX_S)
+            middle = heading + 0.5 * twist.yaw_rate_radps * ahead_s
+            c, s = math.cos(middle), math.sin(middle)
+            x += ahead_s * (c * twist.vx_mps - s * twist.vy_mps)
+            y += ahead_s * (s * twist.vx_mps + c * twist.vy_mps)
+            heading += ahead_s * twist.yaw_rate_radps
+        elif after == 0:
+            x, y, heading, *sums = self._rows[0].tolist()
+        else:
+            begin_s, end_s = self._stamps_s[after - 1 : after + 1].tolist()
+            share = (stamp_s - begin_s) / (end_s - begin_s)
+            before_row, after_row = self._rows[after - 1 : after + 1].tolist()
+            x, y, heading, *sums = (
+                b + share * (a - b) for b, a in zip(before_row, after_row, strict=True)
+            )
+        return Pose2(x, y, wrap_rad(heading)), *sums
+
+    def _interpolate(self, stamps_s: FloatArray) -> FloatArray:
+        """(N, 3) poses at `stamps_s`, linear between rows, the nearest row outside."""
         if not self._count:
-            raise StateError("no wheel sample has come yet, so no pose is known")
-        known_s, rows = self._stamps_s[: self._count], self._rows[: self._count, columns]
+            raise StateError(NOTHING_YET)
+        known_s, rows = self._stamps_s[: self._count], self._rows[: self._count, Row.POSE]
         if self._count == 1:
             return np.repeat(rows, len(stamps_s), axis=0)
         after = np.clip(np.searchsorted(known_s, stamps_s), 1, self._count - 1)
