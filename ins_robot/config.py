@@ -290,6 +290,12 @@ class MapConfig:
     beam_max_m: float = option(
         20.0, "beams are drawn this far at most; bounds the map and its cost", above=0.0
     )
+    silent_free_m: float = option(
+        1.0,
+        "how far the way of beams without a reading counts as free where silence is no proof: "
+        "a wall passed at a body's distance falls silent no nearer than this; 0 = never",
+        at_least=0.0,
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

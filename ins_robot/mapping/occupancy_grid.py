@@ -117,10 +117,12 @@ class OccupancyGrid:
     ) -> ScanFootprint:
         """Add one scan: each cell takes at most one hit or one miss; a hit beats a miss.
 
-        `range_trusted_m` bounds what silent beams may free. Returns what was drawn.
+        `range_trusted_m` and `map.silent_free_m` bound what silent beams may free. Returns what
+        was drawn.
         """
+        silent_free_m = min(range_trusted_m, self._config.silent_free_m)
         footprint = draw_scan(
-            scan, map_from_lrf, self.resolution_m, range_trusted_m, self._config.beam_max_m
+            scan, map_from_lrf, self.resolution_m, silent_free_m, self._config.beam_max_m
         )
         self.add(footprint)
         return footprint

@@ -3,8 +3,8 @@
 
 Every beam is sampled along its free way, finer than a cell; its end is a hit. A beam without a
 reading frees only what the sensor means by silence: everything where silence means "nothing
-there", else as far as the nearer of the two readings beside its run, and never past what the
-sensor is trusted for. Weak and far returns weigh less.
+there", else as far as the nearer of the two readings beside its run, and never past a bound:
+walls seen at a grazing angle fall silent too. Weak and far returns weigh less.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def draw_scan(
     scan: LaserScan,
     map_from_lrf: Pose2,
     resolution_m: float,
-    range_trusted_m: float,
+    silent_free_m: float,
     beam_max_m: float,
 ) -> ScanFootprint:
     """Rasterise a scan taken at `map_from_lrf`."""
@@ -54,7 +54,7 @@ def draw_scan(
     bearings = scan.bearings_rad[order] + map_from_lrf.heading_rad
     step_col, step_row = np.cos(bearings) / resolution_m, np.sin(bearings) / resolution_m
     start_col, start_row = map_from_lrf.x_m / resolution_m, map_from_lrf.y_m / resolution_m
-    free_m = free_ranges_m(scan, resolution_m, range_trusted_m, beam_max_m)[order]
+    free_m = free_ranges_m(scan, resolution_m, silent_free_m, beam_max_m)[order]
     ranges = scan.ranges_m[order]
     hit = np.nan_to_num(ranges, nan=np.inf) <= beam_max_m
     hit_col = np.floor(start_col + step_col[hit] * ranges[hit]).astype(np.int64)
@@ -98,7 +98,7 @@ def beam_weights(scan: LaserScan, resolution_m: float) -> FloatArray:
 
 
 def free_ranges_m(
-    scan: LaserScan, resolution_m: float, range_trusted_m: float, beam_max_m: float
+    scan: LaserScan, resolution_m: float, silent_free_m: float, beam_max_m: float
 ) -> FloatArray:
     """(B,) how far each beam's way is known to be free; 0 where nothing is."""
     valid = scan.is_valid
@@ -106,7 +106,7 @@ def free_ranges_m(
     noise = np.where(valid, scan.range_std_m, 0.0)
     silent = min(scan.range_max_m, beam_max_m)
     if not scan.is_free_when_silent:
-        reach = min(range_trusted_m, silent)
+        reach = min(silent_free_m, silent)
         ranges = np.where(valid, ranges, np.minimum(_nearer_neighbour_m(scan), reach))
     # the last cell before the end, and what noise reaches, stay untouched
     end = ranges - np.maximum(resolution_m, 2.0 * np.nan_to_num(noise))
