@@ -19,7 +19,7 @@ from ins_robot.errors import InputError
 from ins_robot.estimation.slam import Slam
 from ins_robot.geometry.angles import FloatArray
 from ins_robot.geometry.pose2 import Pose2
-from ins_robot.logs.peak_memory import peak_rss_mb
+from ins_robot.logs.memory import peak_rss_mb
 from ins_robot.logs.sensor_log import LogRecord, SensorLog
 
 Progress = Callable[[float], None]

@@ -97,7 +97,7 @@ def replay_journal(
     path: Path,
     options: JournalOptions,
     timer_s: Callable[[], float],
-    on_progress: Callable[[float], None] = lambda stamp_s: None,
+    on_progress: Callable[[float], None] = lambda share: None,
 ) -> RunResult:
     """The run of the journal at `path`, computed again.
 
@@ -116,7 +116,7 @@ def replay_journal(
     for message in messages:
         replay.feed(message)
         if isinstance(message, Mark):
-            on_progress(message.stamp_s)
+            on_progress(messages.progress)
     if replay.core.first_stamp_s is None:
         raise InputError(
             f"{path}: the recording ends before any wheel telemetry: nothing to map"

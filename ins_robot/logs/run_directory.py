@@ -119,13 +119,6 @@ def _finite(value: Any) -> Any:
 def picture_of(result: RunResult) -> MapPicture:
     """What map.png shows of a run."""
     nodes = list(result.graph.get("nodes", ()))
-    rows = {node["id"]: row for row, node in enumerate(nodes)}
-    links = {
-        (min(row, rows[other]), max(row, rows[other]))
-        for node, row in zip(nodes, range(len(nodes)), strict=True)
-        for other in node["neighbours"]
-        if other in rows
-    }
     gaps = [
         GapMark(ends_m=np.array(gap["ends"]), is_open=gap["state"] == UNEXPLORED)
         for node in nodes
@@ -140,7 +133,6 @@ def picture_of(result: RunResult) -> MapPicture:
         grid=result.grid,
         way_m=poses[:, :2],
         nodes_m=np.array([[node["x_m"], node["y_m"]] for node in nodes]).reshape(-1, 2),
-        links=sorted(links),
         gaps=gaps,
         robot=Pose2.from_array(poses[-1]) if len(poses) else None,
         robot_radius_m=result.robot_radius_m,

@@ -24,11 +24,11 @@ from ins_robot.mapping.map_files import GridView, TernaryMap
 if TYPE_CHECKING:
     from PIL.Image import Image
 
-LONG_SIDE_PX = 1600  # cells are scaled up to at most this
+LONG_SIDE_PX = 1600  # cells are scaled up to about this
 WIDTH_MIN_PX = 640  # below this the footer has no room; unknown space is added
 SCALE_MAX = 14
 MARGIN_M = 0.4
-RAY_WIDTH_M, RAY_LENGTH_M = 0.6, 2.0  # what is narrower and longer than this is not shown whole
+RAY_WIDTH_M, RAY_LENGTH_M = 0.9, 2.0  # what is narrower and longer than this is not shown whole
 
 _UNKNOWN = (226, 229, 234)
 _FREE = (255, 255, 255)
@@ -51,14 +51,12 @@ def _no_points() -> FloatArray:
 class MapPicture:
     """What is on the picture.
 
-    `way_m` is (N, 2), `nodes_m` (K, 2), `links` pairs of rows of `nodes_m`. `robot` None: not
-    drawn. `caption` is one short line.
+    `way_m` is (N, 2), `nodes_m` (K, 2). `robot` None: not drawn. `caption` is one short line.
     """
 
     grid: GridView
     way_m: FloatArray = field(default_factory=_no_points)
     nodes_m: FloatArray = field(default_factory=_no_points)
-    links: Sequence[tuple[int, int]] = ()
     gaps: Sequence[GapMark] = ()
     robot: Pose2 | None = None
     robot_radius_m: float = 0.2
@@ -124,7 +122,7 @@ def _cells_and_frame(picture: MapPicture) -> tuple[NDArray[np.uint8], Frame]:
     resolution_m = picture.grid.resolution_m
     shown = _part_to_show(picture)
     height, width = shown.is_free.shape
-    scale = min(SCALE_MAX, max(1, LONG_SIDE_PX // max(height, width)))
+    scale = min(SCALE_MAX, max(1, round(LONG_SIDE_PX / max(height, width))))
     spare = max(0, -(-WIDTH_MIN_PX // scale) - width)
     left = spare // 2
     pad = ((0, 0), (left, spare - left))

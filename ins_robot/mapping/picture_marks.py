@@ -33,7 +33,6 @@ _INK = (51, 61, 77)
 _RULE = (208, 213, 220)
 _WHITE = (255, 255, 255)
 _WAY = (46, 124, 214)
-_LINK = (150, 190, 232)
 _NODE = (17, 75, 145)
 _START = (22, 150, 96)
 _OPEN_GAP = (240, 130, 20)
@@ -79,8 +78,6 @@ class _Band:
     def draw(self, picture: MapPicture) -> None:
         """All marks, the important ones last."""
         nodes = self._at(picture.nodes_m)
-        for a, b in picture.links:
-            self._line([nodes[a], nodes[b]], _LINK, 1)
         for gap in sorted(picture.gaps, key=lambda gap: gap.is_open):
             self._gap(gap.ends_m, is_open=gap.is_open)
         way = self._at(_thinned(picture.way_m, 1.0 / self._frame.px_per_m))
@@ -108,12 +105,12 @@ class _Band:
         self._draw.circle(at, radius * self._unit, fill=colour)
 
     def _gap(self, ends_m: FloatArray, *, is_open: bool) -> None:
-        colour = _OPEN_GAP if is_open else _OTHER_GAP
-        self._line(self._at(ends_m), colour, 3 if is_open else 1)
         middle = self._at(ends_m.mean(axis=0))[0]
-        self._draw.polygon(
-            _diamond(middle, (5.5 if is_open else 2.5) * self._unit), fill=colour
-        )
+        if is_open:
+            self._line(self._at(ends_m), _OPEN_GAP, 3)
+            self._draw.polygon(_diamond(middle, 6.0 * self._unit), fill=_OPEN_GAP)
+        else:
+            self._draw.polygon(_diamond(middle, 3.0 * self._unit), fill=_OTHER_GAP)
 
     def _robot(self, robot: Pose2, radius_m: float) -> None:
         x, y = self._at(np.array([robot.x_m, robot.y_m]))[0]

@@ -5,9 +5,17 @@ from __future__ import annotations
 
 import argparse
 import sys
+import time
+from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ins_robot.cli.config_source import add_config_argument, add_set_argument, load_config
+from ins_robot.errors import InputError
+
+if TYPE_CHECKING:
+    from ins_robot.core.run_result import RunResult
+    from ins_robot.logs.open_log import LogKind
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -59,37 +67,64 @@ def _degrees(text: str) -> float:
 
 def run(args: argparse.Namespace) -> int:
     """Replay, write the files, say where they are."""
-    import time
-
-    import numpy as np
-
-    from ins_robot.logs.open_log import find_log, read_log
-    from ins_robot.logs.replay import replay_log
+    from ins_robot.logs.open_log import LogKind, find_log
     from ins_robot.logs.run_directory import MAP_PNG, json_bytes, prepare_directory, write_run
 
-    config = load_config(args)
     kind, path = find_log(args.log)
-    log = read_log(kind, path, args.fov)
-    if args.no_odometry:
-        log = log.without_odometry()
-    log = log.with_every(args.every)
-    prepare_directory(args.out)
+    if args.out.is_file():
+        raise InputError(f"--out {args.out}: is a file, not a directory")
     meter = ProgressLine(f"replay {args.log.name}")
-    result = replay_log(
-        log,
-        config,
-        args.log.resolve().stem,
-        np.random.default_rng(config.slam.seed),
-        time.perf_counter,
-        meter.show,
-    )
-    meter.clear()
+    replay = _recording if kind is LogKind.JOURNAL else _foreign_log
+    try:
+        result = replay(args, kind, path, meter.show)
+    finally:
+        meter.clear()
+    for loss in result.notes.get("recording_losses", ()):
+        print(f"ins-robot: {path}: {loss}", file=sys.stderr)
+    prepare_directory(args.out)
     summary = write_run(args.out, result)
     if args.json:
         print(json_bytes(summary).decode(), end="")
     else:
         print(args.out / MAP_PNG)
     return 0
+
+
+def _foreign_log(
+    args: argparse.Namespace, kind: LogKind, path: Path, progress: Callable[[float], None]
+) -> RunResult:
+    """SLAM on what another robot recorded."""
+    import numpy as np
+
+    from ins_robot.logs.open_log import read_log
+    from ins_robot.logs.replay import replay_log
+
+    config = load_config(args)
+    log = read_log(kind, path, args.fov)
+    if args.no_odometry:
+        log = log.without_odometry()
+    log = log.with_every(args.every)
+    name = args.log.resolve().stem
+    rng = np.random.default_rng(config.slam.seed)
+    return replay_log(log, config, name, rng, time.perf_counter, progress)
+
+
+def _recording(
+    args: argparse.Namespace, kind: LogKind, path: Path, progress: Callable[[float], None]
+) -> RunResult:
+    """One of our own runs, computed again with the configuration it had."""
+    from ins_robot.logs.replay_journal import JournalOptions, replay_journal
+
+    for option in ("config", "fov"):
+        if getattr(args, option, None) is not None:
+            raise InputError(
+                f"--{option}: {path} is {kind.value} and brings its own configuration; "
+                "change single options with --set"
+            )
+    options = JournalOptions(
+        overrides=args.overrides, use_odometry=not args.no_odometry, every=args.every
+    )
+    return replay_journal(path, options, time.perf_counter, progress)
 
 
 class ProgressLine:
