@@ -122,7 +122,7 @@ class Robot:
         self.finished.clear()
         self._began_run_s = time.perf_counter()
         self.pipeline.mission = self.mission
-        self.supervisor.add_task(f"run {directory}", lambda: self._explore(directory))
+        self.supervisor.add_task("run", lambda: self._explore(directory))
 
     async def end(self, reason: str, *, failed: bool = False) -> str:
         """Stop the run and wait until its files are there; its name."""

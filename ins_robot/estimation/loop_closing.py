@@ -42,6 +42,10 @@ RECHECK_M = 0.4
 RECHECK_RAD = math.radians(4.0)
 SETTLED_M = 0.02
 SETTLED_RAD = math.radians(0.4)
+EVIDENT_MOVE_M = 0.5
+EVIDENT_INLIER_SHARE = 0.85
+EVIDENT_INLIERS = 120
+EVIDENT_RIVAL_RATIO = 0.8
 PATIENCE = 4  # nodes within which they must
 
 
@@ -53,14 +57,24 @@ class Closure:
     pose: FloatArray
     match: Alignment
     correction: FloatArray  # map_new_from_map_old at the node, (3,)
+    moved_m: float
+    turned_rad: float
+    rival_ratio: float
 
     @property
     def is_settled(self) -> bool:
         """Whether the map agreed already."""
         return self.moved_m < SETTLED_M and self.turned_rad < SETTLED_RAD
 
-    moved_m: float
-    turned_rad: float
+    @property
+    def is_evident(self) -> bool:
+        """Whether nothing more needs to confirm it: a small move onto a near-perfect fit."""
+        return (
+            self.moved_m < EVIDENT_MOVE_M
+            and self.match.inlier_share > EVIDENT_INLIER_SHARE
+            and self.match.inliers > EVIDENT_INLIERS
+            and self.rival_ratio < EVIDENT_RIVAL_RATIO
+        )
 
 
 class LoopCloser:
@@ -84,7 +98,7 @@ class LoopCloser:
             return [found]
         agreeing = [c for c in self._pending if _agree(c, found)]
         self._pending.append(found)
-        if len(agreeing) < CONFIRMATIONS:
+        if len(agreeing) < CONFIRMATIONS and not found.is_evident:
             return []
         self._pending = []
         return [*agreeing, found]
@@ -105,7 +119,7 @@ class LoopCloser:
         is_near = nodes.near(pose, LINK_RADIUS_M)
         is_near[linked] = False
         half_turn = min(TURN_RAD + TURN_PER_M * float(driven_m[centre]), TURN_MAX_RAD)
-        candidates = nodes.graph.linked(centre, is_near)
+        candidates = nodes.graph.linked([centre], is_near)
         return self._fit(nodes, node, candidates, scan, float(drift[centre]), half_turn)
 
     def _recheck(
@@ -155,6 +169,7 @@ class LoopCloser:
             correction=correction,
             moved_m=math.dist(match.pose[:2], pose[:2]),
             turned_rad=abs(wrap_rad(float(match.pose[2] - pose[2]))),
+            rival_ratio=best.rival_value / best.value,
         )
 
 

@@ -107,9 +107,14 @@ class NodeMap:
         off = self.graph.poses[:, :2] - position[:2]
         return np.asarray((off**2).sum(axis=1) < radius_m**2)
 
-    def linked(self, node: int, pose: FloatArray) -> list[int]:
-        """Nodes near `pose` that are linked to `node` without leaving the neighbourhood."""
-        return self.graph.linked(node, self.near(pose, LINK_RADIUS_M))
+    def linked(self, starts: list[int], pose: FloatArray) -> list[int]:
+        """Nodes near `pose` linked to those of `starts` without leaving the neighbourhood."""
+        return self.graph.linked(starts, self.near(pose, LINK_RADIUS_M))
+
+    def nearest(self, nodes: list[int], pose: FloatArray) -> int:
+        """The one of `nodes` nearest to `pose`."""
+        off = self.graph.poses[nodes, :2] - pose[:2]
+        return nodes[int(np.argmin((off**2).sum(axis=1)))]
 
     def local_field(self, nodes: list[int], pose: FloatArray) -> LikelihoodField | None:
         """What the nearest of `nodes` saw around `pose`, from the side the robot is on."""

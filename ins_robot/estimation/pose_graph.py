@@ -75,9 +75,10 @@ class PoseGraph:
         self._neighbours[start].add(end)
         self._neighbours[end].add(start)
 
-    def linked(self, start: int, is_near: np.ndarray) -> list[int]:
-        """Nodes reached from `start` over edges without leaving the near ones, nearest hops first."""
-        seen, queue = {start}, [start]
+    def linked(self, starts: list[int], is_near: np.ndarray) -> list[int]:
+        """Near nodes reached over edges from the near ones of `starts`, by hops."""
+        queue = [node for node in starts if is_near[node]]
+        seen = set(queue)
         for node in queue:
             for other in sorted(self._neighbours[node]):
                 if other not in seen and is_near[other]:

@@ -125,8 +125,8 @@ class Slam:
             return None
         pose = self._estimator.pose()
         if self._field is None or math.dist(pose[:2], self._field_at[:2]) > FIELD_STALE_M:
-            self._linked = self._nodes.linked(len(self._nodes) - 1, pose)
-            self._field = self._nodes.local_field(self._linked, pose)
+            self._linked = self._nodes.linked(self._linked, pose)
+            self._field = self._nodes.local_field(self._linked, pose) if self._linked else None
             self._field_at = pose
         if self._field is None:
             return None
@@ -153,12 +153,13 @@ class Slam:
             self._nodes.link_match(node, pose, match)
         self._since_node = None
         self._field = None
+        self._linked = [node]
         return node
 
     def _close_loops(self, node: int, surfels: Surfels) -> None:
         if self._config.estimator == "odometry" or len(surfels) == 0:
             return
-        linked = self._nodes.linked(node, self._nodes.graph.poses[node])
+        linked = self._nodes.linked([node], self._nodes.graph.poses[node])
         thinned = surfels.spread_out(SURFEL_SPACING_M, SCAN_SURFELS_MAX)
         closures = self._closer.look(self._nodes, node, linked, thinned)
         if not closures:
@@ -173,9 +174,11 @@ class Slam:
         self.loop_closures += 1
 
     def _anchor(self, stamp_s: float) -> None:
-        node = max(len(self._nodes) - 1, 0)
         if len(self._nodes) == 0:
             return
+        node = len(self._nodes) - 1
+        if self._linked:
+            node = self._nodes.nearest(self._linked, self._estimator.pose())
         node_from_base = between(self._nodes.graph.poses[node], self._estimator.pose())
         node_from_base[2] = wrap_rad(float(node_from_base[2]))
         self.anchors.append(
