@@ -95,6 +95,7 @@ class _Scene:
     terrain: Terrain
     unseen: Unseen
     targets: dict[int, FloatArray] = field(default_factory=dict)
+    has_adopted: bool = False
 
 
 class Explorer:
@@ -263,11 +264,16 @@ class Explorer:
         return targets
 
     def _sort_gaps(self, scene: _Scene) -> None:
-        """Close the gaps the guard calls explored; note what the others should show."""
-        radius_m, start = self._config.max_radius_m, self.graph.nodes[0].pose
+        """Look at every gap again; what was out of reach may have come into it."""
         for node, gap in self.graph.gaps():
             if gap.state is GapState.UNREACHABLE and gap.failures < FAILURES_MAX:
                 gap.set(GapState.UNEXPLORED, "")
+        self._close_explored(scene)
+
+    def _close_explored(self, scene: _Scene) -> None:
+        """Close the gaps the guard calls explored; note what the others should show."""
+        radius_m, start = self._config.max_radius_m, self.graph.nodes[0].pose
+        for node, gap in self.graph.gaps():
             if gap.state not in (GapState.UNEXPLORED, GapState.TOO_NARROW):
                 continue
             if not within_radius(start, radius_m, node.centroid_m(gap)[None])[0]:
@@ -306,7 +312,13 @@ class Explorer:
         ]
 
     def _adopt_edges(self, scene: _Scene) -> bool:
-        """Edges of the seen part that no gap leads to become gaps of the nearest node."""
+        """Edges of the seen part that no gap leads to become gaps of the nearest node.
+
+        Once a decision: an edge refused in this decision does not come back in it.
+        """
+        if scene.has_adopted:
+            return False
+        scene.has_adopted = True
         led_to: set[int] = set()
         for node, gap in self.graph.gaps():
             if gap.is_open or gap.state is GapState.UNREACHABLE:
@@ -314,7 +326,7 @@ class Explorer:
                 led_to.update(scene.unseen.edge_of[index].tolist())
         if not self._guard.adopt_edges(scene.unseen, self.graph, led_to):
             return False
-        self._sort_gaps(scene)
+        self._close_explored(scene)
         return True
 
     def _drive_to(self, scene: _Scene, pose: Pose2, node: Node, gap: Gap) -> Drive | None:
