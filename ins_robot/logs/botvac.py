@@ -9,7 +9,6 @@ gyro and wheels, and walls seen from many poses, agree best.
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -81,7 +80,8 @@ def read_botvac(path: Path) -> SensorLog:
 def _rows(path: Path) -> Iterator[Line]:
     for number, text, is_cut in read_lines(path):
         if text.strip():
-            yield Line(path, number, next(csv.reader([text])), is_cut)
+            words = [word.strip().strip('"') for word in text.split(",")]
+            yield Line(path, number, words, is_cut)
 
 
 def _read_series(path: Path) -> dict[str, _Series]:

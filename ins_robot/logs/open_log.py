@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import csv
 import math
 from enum import Enum
 from pathlib import Path
@@ -87,7 +86,7 @@ def _kind_of_line(text: str) -> LogKind | None:
         return LogKind.CARMEN
     if word in {"S", "M", "P"}:
         return LogKind.LEGO
-    if text.startswith('"') and next(csv.reader([text]))[0] in botvac.NAMES:
+    if text.startswith('"') and text.split(",")[0].strip('"') in botvac.NAMES:
         return LogKind.BOTVAC
     return None
 

@@ -18,8 +18,9 @@ import numpy as np
 
 from ins_robot.core.run_result import RunResult
 from ins_robot.errors import InputError
-from ins_robot.geometry.angles import FloatArray
+from ins_robot.geometry.angles import FloatArray, wrap_rad
 from ins_robot.geometry.pose2 import Pose2
+from ins_robot.logs.text_lines import split_lines
 from ins_robot.mapping.map_files import TernaryMap, pgm_bytes, yaml_text
 from ins_robot.mapping.map_picture import GapMark, MapPicture, png_bytes
 
@@ -28,6 +29,7 @@ TRAJECTORY, TRUTH, GRAPH, SUMMARY = "trajectory.tum", "truth.tum", "graph.json",
 
 MARGIN_CELLS = 4
 UNEXPLORED = "unexplored"
+_TUM_WORDS = 8
 
 
 def prepare_directory(path: Path) -> None:
@@ -92,13 +94,22 @@ def tum_bytes(stamps_s: FloatArray, poses: FloatArray) -> bytes:
 
 
 def read_tum(path: Path) -> tuple[FloatArray, FloatArray]:
-    """Stamps (N,) and poses (N, 3) from a file of `tum_bytes`."""
-    try:
-        table = np.loadtxt(path, ndmin=2)
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path}: not a TUM trajectory: {error}") from None
+    """Stamps (N,) and poses (N, 3) from a file of `tum_bytes`.
+
+    Raises
+    ------
+    InputError
+        With the line number, when a line is not eight finite numbers.
+    """
+    rows = []
+    for line in split_lines(path):
+        row = line.numbers(0, len(line.words))
+        if len(row) != _TUM_WORDS or not np.isfinite(row).all():
+            raise line.error(f"a line of a trajectory is {_TUM_WORDS} finite numbers")
+        rows.append(row)
+    table = np.array(rows).reshape(-1, _TUM_WORDS)
     headings = 2.0 * np.arctan2(table[:, 6], table[:, 7])
-    return table[:, 0], np.column_stack([table[:, 1], table[:, 2], headings])
+    return table[:, 0], np.column_stack([table[:, 1], table[:, 2], wrap_rad(headings)])
 
 
 def json_bytes(value: Any) -> bytes:

@@ -14,6 +14,7 @@ from ins_robot.errors import InputError
 from ins_robot.geometry.angles import FloatArray
 
 _SHOWN = 40
+_DIGITS_MAX = 19
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +56,8 @@ class Line:
     def count(self, index: int, what: str, at_most: int) -> int:
         """One word as a whole number from 1 to `at_most`."""
         word = self.words[index]
-        if not word.isascii() or not word.isdigit() or not 1 <= int(word) <= at_most:
+        is_whole = word.isascii() and word.isdigit() and len(word) <= _DIGITS_MAX
+        if not is_whole or not 1 <= int(word) <= at_most:
             raise self.error(f"{what} is '{word[:_SHOWN]}', must be 1 to {at_most}")
         return int(word)
 

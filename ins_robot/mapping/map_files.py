@@ -21,6 +21,7 @@ FREE, UNKNOWN, OCCUPIED = 254, 205, 0  # what map_saver writes
 OCCUPIED_THRESH, FREE_THRESH = 0.65, 0.196  # map_saver's; 205 lies between, so stays unknown
 CELLS_MAX = 100_000_000
 _MAXVAL = 255
+_DIGITS_MAX = 9
 _KNOWN_KEYS = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh")
 
 BoolArray = NDArray[np.bool_]
@@ -222,7 +223,7 @@ def read_pgm(data: bytes, where: str) -> NDArray[np.uint8]:
         end = at
         while data[end : end + 1].isdigit():
             end += 1
-        if end == at:
+        if not 0 < end - at <= _DIGITS_MAX:
             raise InputError(f"{where}: the header of the PGM image is damaged or cut off")
         values.append(int(data[at:end]))
         at = end
