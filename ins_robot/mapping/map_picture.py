@@ -110,7 +110,7 @@ def draw_map(picture: MapPicture) -> Image:
     cells, frame = _cells_and_frame(picture)
     scale = round(frame.px_per_m * picture.grid.resolution_m)
     size = (cells.shape[1] * scale, cells.shape[0] * scale)
-    image = PilImage.new("RGB", (size[0], size[1] + footer_px(*size)), _FREE)
+    image = PilImage.new("RGB", (size[0], size[1] + footer_px(size[0])), _FREE)
     image.paste(PilImage.fromarray(cells).resize(size, PilImage.Resampling.NEAREST), (0, 0))
     draw_marks(image, size, picture, frame)
     draw_footer(image, size, picture, frame)

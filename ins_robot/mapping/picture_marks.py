@@ -44,19 +44,19 @@ _TEXT = 15
 _EDGE = 16
 
 
-def unit_px(width: int, height: int) -> float:
-    """Pixels to which marks and texts are sized: 1 up to 1000 pixels, then growing along."""
-    return max(1.0, max(width, height) / 1000.0)
+def unit_px(width: int) -> float:
+    """To what marks and texts are sized: 1 pixel up to a width of 1000, then growing along."""
+    return max(1.0, width / 1000.0)
 
 
-def footer_px(width: int, height: int) -> int:
-    """Height of the footer below a map of this size."""
-    return round(_FOOTER * unit_px(width, height))
+def footer_px(width: int) -> int:
+    """Height of the footer below a map of this width."""
+    return round(_FOOTER * unit_px(width))
 
 
 def draw_marks(image: Image, size: tuple[int, int], picture: MapPicture, frame: Frame) -> None:
     """Draw all marks on the map, the upper `size` (width, height) of the image."""
-    unit = unit_px(*size)
+    unit = unit_px(size[0])
     width, height = size
     for top in range(0, height, BAND_PX):
         rows = min(BAND_PX, height - top)
@@ -137,7 +137,7 @@ def _thinned(way_m: FloatArray, step_m: float) -> FloatArray:
 
 def draw_footer(image: Image, size: tuple[int, int], picture: MapPicture, frame: Frame) -> None:
     """Caption, legend and scale bar, below the map of `size` (width, height)."""
-    unit = unit_px(*size)
+    unit = unit_px(size[0])
     top = size[1]
     draw = ImageDraw.Draw(image)
     font = ImageFont.load_default(_TEXT * unit)
