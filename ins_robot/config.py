@@ -120,6 +120,12 @@ class LrfConfig:
         above=0.0,
         at_most=180.0,
     )
+    look_every_m: float = option(
+        1.0,
+        "on_demand: a sweep is taken on the way where no scan was taken this near: thin legs "
+        "show only from near; 0 = sweeps only when the pose is uncertain",
+        at_least=0.0,
+    )
     range_min_m: float = option(0.10, "nearer readings are the robot itself", at_least=0.0)
     range_trusted_m: float = option(3.0, "readings up to here are taken as accurate", above=0.0)
     range_max_m: float = option(6.0, "readings beyond are not used", above=0.0, at_most=16.0)

@@ -9,6 +9,7 @@ obstacle is always allowed, so a robot found too near a wall can leave it.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -53,6 +54,7 @@ class CollisionGuard:
     """Slows or refuses a velocity that would end in a known obstacle."""
 
     def __init__(self, config: ControlConfig, robot_radius_m: float) -> None:
+        self._radius_m = robot_radius_m
         self._keep_m = robot_radius_m + config.guard_margin_m
         self._brake_mps2 = config.accel_mps2
         self._surroundings: Surroundings | None = None
@@ -78,6 +80,14 @@ class CollisionGuard:
                 return _scaled(wanted, scale), scale < 1.0
         return VelocityCommand(yaw_rate_radps=wanted.yaw_rate_radps), True
 
+    def blocks(self, here: tuple[float, float], points: Sequence[tuple[float, float]]) -> bool:
+        """True when a body at one of `points` would touch what is known, and does not here."""
+        known = self._surroundings
+        if known is None:
+            return False
+        touching_m = min(self._radius_m, known.clearance_m(*here))
+        return any(known.clearance_m(x_m, y_m) < touching_m for x_m, y_m in points)
+
     def _stopping_m(self, speed_mps: float) -> float:
         return speed_mps * REACTION_S + speed_mps**2 / (2.0 * self._brake_mps2)
 
@@ -91,6 +101,10 @@ class NoGuard:
     def apply(self, pose: Pose2, wanted: VelocityCommand) -> tuple[VelocityCommand, bool]:
         """The wanted velocity as it is."""
         return wanted, False
+
+    def blocks(self, here: tuple[float, float], points: Sequence[tuple[float, float]]) -> bool:
+        """Nothing is known to be there."""
+        return False
 
 
 def _scaled(velocity: VelocityCommand, scale: float) -> VelocityCommand:

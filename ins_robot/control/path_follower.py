@@ -19,6 +19,7 @@ from ins_robot.messages import PlannedPath, VelocityCommand
 
 LAG_FULL_SPEED_M = 0.05  # position error up to which the reference runs at full speed
 LAG_STOP_M = 0.15  # and from which it stands
+HALF_S = 0.5
 PROGRESS_S = 0.1  # less time left by this much is progress
 
 
@@ -28,6 +29,7 @@ class Following(StrEnum):
     ON_THE_WAY = "on the way"
     ARRIVED = "arrived"
     STUCK = "stuck"
+    BLOCKED = "blocked"
 
 
 class PathFollower:
@@ -40,6 +42,12 @@ class PathFollower:
         self._still_s = 0.0
         self._best_left_s = math.inf
         self.verdict = Following.ON_THE_WAY
+
+    def points_ahead(self, horizon_s: float) -> list[tuple[float, float]]:
+        """Places the reference will be at within `horizon_s`, every half second."""
+        steps = int(min(horizon_s, self.duration_s - self._reference_s) / HALF_S) + 1
+        ahead = [self._reference.at(self._reference_s + HALF_S * i) for i in range(steps)]
+        return [(reference.x_m, reference.y_m) for reference in ahead]
 
     @property
     def duration_s(self) -> float:

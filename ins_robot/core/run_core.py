@@ -87,6 +87,11 @@ class RunCore:
         doubt = self.odometry.increment(self._located_at_s, self.last_stamp_s).covariance
         return math.sqrt(float(doubt[0, 0] + doubt[1, 1]))
 
+    def nearest_look_m(self) -> float:
+        """Distance from here to the nearest place where a scan was taken."""
+        here = self.odometry.pose
+        return min((here.distance_m(place) for place in self._odom_at_scans), default=math.inf)
+
     @property
     def next_sector(self) -> Sector:
         """The first scan looks all around, later ones forward (the paper's +-150 deg)."""
@@ -128,19 +133,19 @@ class RunCore:
         self.scans += 1
         return self._job(scan, sector, is_node=True)
 
-    def prepare_sweep(self, *, may_be_node: bool) -> ScanJob:
+    def prepare_sweep(self) -> ScanJob:
         """The last revolution, taken while driving, de-skewed to its first beam's pose."""
         raw = self._revolutions[-1]
         at_beams = self.odometry.poses_at(raw.stamp_s + raw.beam_offsets_s)
         at_stamp = self.odometry.poses_at(np.array([raw.stamp_s]))[0]
         scan = deskew(raw, at_beams, at_stamp, self._base_from_lrf)
         self.sweeps += 1
-        return self._job(scan, None, is_node=None if may_be_node else False)
+        return self._job(scan, None, is_node=None)
 
     def compute(self, job: ScanJob) -> ScanOutcome:
         """The heavy part; in the worker."""
         if job.sector is None:
-            estimate = self.survey.scan_on_the_way(job.scan, job.motion, job.is_node)
+            estimate = self.survey.scan_on_the_way(job.scan, job.motion)
             return ScanOutcome(job=job, estimate=estimate, decision=None)
         estimate, decision = self.survey.scan_at_node(job.scan, job.motion, job.sector)
         return ScanOutcome(job=job, estimate=estimate, decision=decision)
@@ -152,6 +157,10 @@ class RunCore:
     def give_up(self, goal: Drive, why: str, pose: Pose2) -> Decision:
         """The goal could not be reached; in the worker."""
         return self.survey.give_up(goal, why, pose)
+
+    def replan(self, pose: Pose2) -> Decision:
+        """The way turned out to be blocked; in the worker."""
+        return self.survey.replan(pose)
 
     # What comes out at the end.
 
@@ -199,7 +208,7 @@ class RunCore:
             duration_s=self.duration_s,
             path_length_m=self.path_length_m,
             scans=self.scans,
-            nodes=len(slam.nodes),
+            nodes=len(self.survey.explorer.graph),
             loop_closures=slam.loop_closures,
             lrf_on_s=lrf_on_s,
             ins_ms_total=self.survey.ins_ms,

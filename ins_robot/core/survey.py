@@ -69,17 +69,19 @@ class Survey:
         self.ins_ms += 1e3 * (self._timer_s() - begun_s)
         return estimate, decision
 
-    def scan_on_the_way(
-        self, scan: LaserScan, motion: MotionIncrement, is_node: bool | None
-    ) -> PoseEstimate:
-        """Correct the pose; no decision. `is_node` None lets SLAM choose by distance."""
-        return self._locate(scan, motion, is_node=is_node)
+    def scan_on_the_way(self, scan: LaserScan, motion: MotionIncrement) -> PoseEstimate:
+        """Correct the pose, and draw what is new; no decision."""
+        return self._locate(scan, motion, is_node=None)
 
     def give_up(self, goal: Drive, why: str, pose: Pose2) -> Decision:
         """The goal could not be reached: decide again, from where the robot stands."""
+        self.explorer.report_failure(goal, why)
+        return self.replan(pose)
+
+    def replan(self, pose: Pose2) -> Decision:
+        """Decide again on the map as it is now, for the robot at `pose`."""
         begun_s = self._timer_s()
         self._follow_corrections()
-        self.explorer.report_failure(goal, why)
         decision = self.explorer.decide(pose, self.slam.grid)
         self.ins_ms += 1e3 * (self._timer_s() - begun_s)
         return decision

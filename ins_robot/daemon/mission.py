@@ -137,6 +137,8 @@ class Mission:
             outcome = await self._drive(decision)
             if outcome is Following.ARRIVED:
                 decision = await self._scan_here()
+            elif outcome is Following.BLOCKED:
+                decision = await self._replan()
             else:
                 decision = await self._give_up(decision, outcome)
         ended = MissionState.COMPLETE if decision.is_complete else MissionState.STOPPED
@@ -170,13 +172,16 @@ class Mission:
         return outcome.decision
 
     async def _drive(self, goal: Drive) -> Following:
-        """Follow the path; look around on the way when the pose has become uncertain."""
+        """Follow the path; look around on the way where needed, and stop if it is blocked."""
         self.state = MissionState.DRIVING
         arrival = self._pilot.follow(goal.path)
         while not arrival.done():
             await asyncio.wait({arrival}, timeout=WATCH_PERIOD_S)
             if not arrival.done() and self._wants_sweep():
                 await self._sweep()
+                if not arrival.done() and self._pilot.is_blocked(self.core.pose):
+                    self._pilot.halt()
+                    return Following.BLOCKED
         return arrival.result()
 
     async def _give_up(self, goal: Drive, outcome: Following) -> Decision:
@@ -186,20 +191,29 @@ class Mission:
         self._mark("give_up", why=str(outcome), pose=[pose.x_m, pose.y_m, pose.heading_rad])
         return await self._in_worker(self.core.give_up, goal, str(outcome), pose)
 
+    async def _replan(self) -> Decision:
+        await self._until_standing()
+        self.state = MissionState.THINKING
+        pose = self.core.pose
+        self._mark("replan", pose=[pose.x_m, pose.y_m, pose.heading_rad])
+        return await self._in_worker(self.core.replan, pose)
+
     # ---------------------------------------------------------------- scans
 
     def _wants_sweep(self) -> bool:
-        return (
-            not self._is_continuous
-            and self._config.slam.estimator != "odometry"
-            and self.core.position_std_m > self._config.slam.sweep_std_m
-        )
+        """The pose is uncertain, or nothing near here has been looked at from near."""
+        if self._is_continuous:
+            return False
+        if self.core.position_std_m > self._config.slam.sweep_std_m:
+            return True
+        every_m = self._config.lrf.look_every_m
+        return every_m > 0.0 and self.core.nearest_look_m() > every_m
 
     async def _sweep(self) -> None:
         """One revolution while driving, to correct the pose along the trajectory."""
         await self._collect(1)
-        self._mark("sweep", may_be_node=False)
-        await self._survey(self.core.prepare_sweep(may_be_node=False))
+        self._mark("sweep")
+        await self._survey(self.core.prepare_sweep())
 
     async def _collect(self, revolutions: int) -> None:
         """Let the LRF turn until so many steady revolutions have come in."""
@@ -292,8 +306,8 @@ class Mission:
         self.core.begin_scan()
         self.journal.write(revolution)
         self.core.on_revolution(revolution)
-        self._mark("sweep", may_be_node=True)
-        job = self.core.prepare_sweep(may_be_node=True)
+        self._mark("sweep")
+        job = self.core.prepare_sweep()
         self._is_surveying = True
         assert self._group is not None
         self._group.create_task(self._correct(job), name=f"{self.name} sweep")

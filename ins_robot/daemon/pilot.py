@@ -19,6 +19,7 @@ from ins_robot.geometry.pose2 import Pose2
 from ins_robot.messages import PlannedPath, VelocityCommand
 
 Wheels = tuple[float, float, float]
+LOOK_AHEAD_S = 20.0
 STANDING: Wheels = (0.0, 0.0, 0.0)
 
 
@@ -52,6 +53,13 @@ class Pilot:
         self._follower = PathFollower(path, self._control)
         self._arrival = asyncio.get_running_loop().create_future()
         return self._arrival
+
+    def is_blocked(self, pose: Pose2) -> bool:
+        """True when the guard would stop the robot, now at `pose`, on the path still ahead."""
+        if self._follower is None:
+            return False
+        points = self._follower.points_ahead(LOOK_AHEAD_S)
+        return self._guard.blocks((pose.x_m, pose.y_m), points)
 
     def halt(self) -> None:
         """Forget the path; the next ticks ramp down to standing."""

@@ -72,7 +72,9 @@ class JournalReplay:
             case "node_scan" if self._is_wanted():
                 self._compute(self.core.prepare_node_scan(payload["set_rpm"]))
             case "sweep" if self._is_wanted():
-                self._compute(self.core.prepare_sweep(may_be_node=payload["may_be_node"]))
+                self._compute(self.core.prepare_sweep())
+            case "replan":
+                self._decision = self.core.replan(Pose2(*payload["pose"]))
             case "give_up" if isinstance(self._decision, Drive):
                 pose = Pose2(*payload["pose"])
                 self._decision = self.core.give_up(self._decision, payload["why"], pose)
