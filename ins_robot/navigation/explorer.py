@@ -21,20 +21,21 @@ from ins_robot.geometry.angles import FloatArray, wrap_rad
 from ins_robot.geometry.pose2 import Pose2
 from ins_robot.mapping.occupancy_grid import OccupancyGrid
 from ins_robot.messages import LaserScan, PlannedPath
-from ins_robot.navigation.gaps import Gap, GapRules, GapState, find_gaps
+from ins_robot.navigation.gaps import Gap, GapKind, GapRules, GapState, find_gaps
 from ins_robot.navigation.guard import Guard, NoGuard, SeenGuard, edges_of_gap, within_radius
 from ins_robot.navigation.neighbours import identify_neighbours
 from ins_robot.navigation.node_graph import Node, NodeGraph
-from ins_robot.navigation.planner import plan_through
+from ins_robot.navigation.planner import dense_points_m, plan_through
 from ins_robot.navigation.strategies import Candidate, Situation, make_strategy
 from ins_robot.navigation.terrain import BodyRules, Terrain, survey_terrain
 from ins_robot.navigation.unseen import SIGHT_M, BarrenEdges, Unseen, survey_unseen
 from ins_robot.navigation.viewpoint import Viewpoint, find_viewpoint
 
 MOVED_SHARE = 0.5  # a scan that leaves more than this share of its edges where they were: in vain
-GAIN_MIN_M2 = 0.03  # a scan that can show less adds nothing
+GAIN_MIN_M2 = 0.15  # a scan that can show less adds nothing
 SAME_PLACE_M = 0.12  # a scan this near to an earlier one shows the same
 MOVED_M = 0.02  # a node corrected by more: the map is looked at again everywhere
+DRIVEN_STEP_M = 0.04  # spacing of the memory of driven ways
 FAILURES_MAX = 2  # a goal refused this often is given up
 
 
@@ -122,6 +123,8 @@ class Explorer:
         self._aim: _Aim | None = None
         self._scanned_aim: _Aim | None = None
         self._refused_m: list[FloatArray] = []
+        self._failed: Drive | None = None
+        self._driven_m: list[FloatArray] = []  # ways since the last node
         self._shown: dict[tuple[int, int], _Shown] = {}
         self._is_new_node = False
 
@@ -149,9 +152,11 @@ class Explorer:
             came_from=None if before is None else before.index,
         )
         if self._aim is not None and before is not None:
-            node.came_by_m = before.pose.inverse().apply(self._aim.drive.path.points_m)
+            self._note_driven(self._aim.drive, node.position_m)
+            node.came_by_m = before.pose.inverse().apply(np.concatenate(self._driven_m))
             if self._aim.gap.is_open:
                 self._aim.gap.set(GapState.EXPLORED, f"scanned from its place by node {node_id}")
+        self._driven_m.clear()
         self.graph.add(node)
         self._scanned_aim, self._aim = self._aim, None
         self._is_new_node = True
@@ -176,6 +181,9 @@ class Explorer:
             raise StateError("explorer: decide() before the first scan; call observe() first")
         if len(self.graph) >= self._config.max_scans:
             return self._finished(f"max_scans = {self._config.max_scans} reached", False, None)
+        if self._failed is not None:
+            self._note_driven(self._failed, np.array([pose.x_m, pose.y_m]))
+            self._failed = None
         scene = self._look_around(pose, grid)
         self._learn_from_last_scan(scene)
         self._identify_neighbours(scene)
@@ -191,6 +199,7 @@ class Explorer:
         aim, self._aim = self._aim, None
         if aim is None or aim.drive is not decision:
             raise StateError("explorer: report_failure() for a goal that is not the last decision")
+        self._failed = decision
         self._refused_m.append(decision.path.points_m[-1])
         self._barren.strike(aim.targets_m)
         aim.gap.failures += 1
@@ -204,11 +213,19 @@ class Explorer:
 
     # The steps, one by one.
 
+    def _note_driven(self, drive: Drive, until_m: FloatArray) -> None:
+        """Remember a path as driven, up to its place nearest to where the robot is now."""
+        points = dense_points_m(drive.path.points_m, DRIVEN_STEP_M)
+        away = points - until_m
+        nearest = int(np.hypot(away[:, 0], away[:, 1]).argmin())
+        self._driven_m.append(points[: nearest + 1])
+
     def _look_around(self, pose: Pose2, grid: OccupancyGrid) -> _Scene:
         """What is unseen, where the robot can go, and what it costs: one wave."""
         is_allowed = self._allowed(grid)
         unseen = survey_unseen(grid, self._config.frontier_min_m, self._barren, is_allowed)
-        terrain = survey_terrain(grid, pose, self._body, unseen.is_hidden, is_allowed)
+        been_m = np.concatenate([self.graph.driven_m(), *self._driven_m])
+        terrain = survey_terrain(grid, pose, self._body, unseen.is_hidden, is_allowed, been_m)
         return _Scene(grid=grid, terrain=terrain, unseen=unseen)
 
     def _allowed(self, grid: OccupancyGrid) -> np.ndarray | None:
@@ -321,7 +338,8 @@ class Explorer:
         scene.has_adopted = True
         led_to: set[int] = set()
         for node, gap in self.graph.gaps():
-            if gap.is_open or gap.state is GapState.UNREACHABLE:
+            is_known_edge = gap.kind is GapKind.EDGE and gap.state is GapState.UNREACHABLE
+            if gap.is_open or is_known_edge:
                 index = edges_of_gap(scene.unseen, node, gap)
                 led_to.update(scene.unseen.edge_of[index].tolist())
         if not self._guard.adopt_edges(scene.unseen, self.graph, led_to):

@@ -42,7 +42,7 @@ class Node:
     came_from : int | None
         Index of the node the robot drove from.
     came_by_m : (N, 2) float64
-        The way driven, in the frame of `came_from`; empty when not known.
+        The way driven, densely, in the frame of `came_from`; empty when not known.
     neighbours : dict
         Index of each neighbour, and the cost of the way there in metres.
     """
@@ -111,6 +111,15 @@ class NodeGraph:
     def positions_m(self) -> FloatArray:
         """(K, 2) map frame."""
         return np.array([[n.pose.x_m, n.pose.y_m] for n in self.nodes]).reshape(-1, 2)
+
+    def driven_m(self) -> FloatArray:
+        """(N, 2) places on the ways driven between nodes, map frame; as dense as stored."""
+        ways = [
+            self.nodes[node.came_from].pose.apply(node.came_by_m)
+            for node in self.nodes
+            if node.came_from is not None
+        ]
+        return np.concatenate([np.zeros((0, 2)), *ways])
 
     def costs_from(self, index: int) -> FloatArray:
         """(K,) travel cost from one node to every node, through neighbours; inf where no way is."""

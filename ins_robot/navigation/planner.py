@@ -8,6 +8,7 @@ staircase had; the heading turns evenly along the way to the one wanted at the g
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 
@@ -38,7 +39,7 @@ def plan_through(
         return plan(terrain, start, goal_cell, heading_rad)
     legs: list[FloatArray] = []
     here, ground = start, terrain
-    for last, node in zip(via[:-1], via[1:], strict=True):
+    for last, node in pairwise(via):
         leg = _driven(last, node)
         if leg is None or not _is_drivable(terrain, leg):
             cell = _reachable_near(ground, node.position_m)
@@ -69,7 +70,7 @@ def _driven(last: Node, node: Node) -> FloatArray | None:
 def _is_drivable(terrain: Terrain, points: FloatArray) -> bool:
     """Whether the ways between points (N, 2) are all drivable, ends excepted."""
     step = terrain.grid.resolution_m
-    for a, b in zip(points[:-1], points[1:], strict=True):
+    for a, b in pairwise(points):
         count = max(2, math.ceil(math.hypot(*(b - a)) / step))
         at = terrain.grid.cells(a + np.linspace(0.0, 1.0, count + 1)[:, None] * (b - a))
         if not np.isfinite(terrain.factor[at[:, 0], at[:, 1]]).all():
@@ -108,6 +109,15 @@ def with_headings(points_m: FloatArray, start_rad: float, goal_rad: float) -> Pl
         points_m = np.repeat(points_m, 2, axis=0)
         headings = np.array([start_rad, goal_rad])
     return PlannedPath(points_m=points_m, headings_rad=np.asarray(headings))
+
+
+def dense_points_m(points_m: FloatArray, step_m: float) -> FloatArray:
+    """(M, 2) points (N, 2) of a path and points between them, at most `step_m` apart."""
+    pieces = [points_m[:1]]
+    for a, b in pairwise(points_m):
+        count = max(1, math.ceil(math.hypot(*(b - a)) / step_m))
+        pieces.append(a + np.linspace(0.0, 1.0, count + 1)[1:, None] * (b - a))
+    return np.concatenate(pieces)
 
 
 def _pull_straight(terrain: Terrain, cells: IndexArray, points: FloatArray) -> list[int]:

@@ -110,6 +110,7 @@ def survey_terrain(
     body: BodyRules,
     is_hidden: BoolArray,
     is_allowed: BoolArray | None = None,
+    been_m: FloatArray | None = None,
 ) -> Terrain:
     """Price the ground as seen from a pose.
 
@@ -119,11 +120,16 @@ def survey_terrain(
         Cells the body must not reach into: see `Unseen`.
     is_allowed : (H, W) bool, optional
         Where the robot's centre may be at all.
+    been_m : (N, 2) float64, optional
+        Places the robot's centre has been, densely: what later scans show around them cannot
+        lock the robot in.
     """
     row, col = grid.cells(np.array([pose.x_m, pose.y_m]))
     start = (int(row), int(col))
     clearance = grid.distance_m() - 0.5 * grid.resolution_m
     factor = _ground_factors(grid, clearance, body, is_hidden)
+    if been_m is not None:
+        _open_driven(factor, grid, clearance, body, been_m)
     if is_allowed is not None:
         factor[~is_allowed] = np.inf
     _open_escape(factor, grid, clearance, body, start)
@@ -149,6 +155,24 @@ def _ground_factors(
         is_open &= hidden_m - 0.5 * grid.resolution_m >= body.radius_m
     factor[~is_open] = np.inf
     return factor
+
+
+def _open_driven(
+    factor: FloatArray,
+    grid: OccupancyGrid,
+    clearance: FloatArray,
+    body: BodyRules,
+    been_m: FloatArray,
+) -> None:
+    """Keep open what was driven, unless an obstacle now stands clearly in it."""
+    half = 0.5 * grid.resolution_m  # to all sides, so that the cells join by their edges
+    beside = half * np.array([[0.0, 0.0], [1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+    cells = grid.cells((been_m[:, None] + beside).reshape(-1, 2))
+    cells = cells[grid.contains(cells)]
+    rows, cols = cells[:, 0], cells[:, 1]
+    closed = ~np.isfinite(factor[rows, cols]) & ~grid.is_occupied[rows, cols]
+    closed &= clearance[rows, cols] >= body.radius_m - grid.resolution_m
+    factor[rows[closed], cols[closed]] = ESCAPE_FACTOR
 
 
 def _open_escape(
