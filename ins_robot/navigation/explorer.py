@@ -29,9 +29,9 @@ from ins_robot.navigation.planner import dense_points_m, plan_through
 from ins_robot.navigation.strategies import Candidate, Situation, make_strategy
 from ins_robot.navigation.terrain import BodyRules, Terrain, survey_terrain
 from ins_robot.navigation.unseen import SIGHT_M, BarrenEdges, Unseen, survey_unseen
-from ins_robot.navigation.viewpoint import Viewpoint, find_viewpoint
+from ins_robot.navigation.viewpoint import Look, Viewpoint, viewpoints
 
-MOVED_SHARE = 0.5  # a scan that leaves more than this share of its edges where they were: in vain
+MOVED_SHARE = 0.5  # a scan that leaves more than this share of its edges was in vain
 GAIN_MIN_M2 = 0.15  # a scan that can show less adds nothing
 SAME_PLACE_M = 0.12  # a scan this near to an earlier one shows the same
 MOVED_M = 0.02  # a node corrected by more: the map is looked at again everywhere
@@ -102,9 +102,7 @@ class _Scene:
 class Explorer:
     """Nodes, gaps and decisions of one run."""
 
-    def __init__(
-        self, config: ExplorationConfig, robot: RobotConfig, lrf: LrfConfig
-    ) -> None:
+    def __init__(self, config: ExplorationConfig, robot: RobotConfig, lrf: LrfConfig) -> None:
         self.graph = NodeGraph()
         self._config = config
         self._base_from_lrf = Pose2(lrf.x_m, lrf.y_m, 0.0)  # the driver has applied the yaw
@@ -138,7 +136,7 @@ class Explorer:
         scan: LaserScan,
         sector: tuple[float, float],
     ) -> None:
-        """A scan was taken at `pose` (map_from_base), looking at `sector` (centre, half width)."""
+        """A scan was taken at `pose` (map_from_base) of `sector` (centre, half width)."""
         before = self.graph.nodes[-1] if self.graph.nodes else None
         node = Node(
             index=len(self.graph),
@@ -155,14 +153,14 @@ class Explorer:
             self._note_driven(self._aim.drive, node.position_m)
             node.came_by_m = before.pose.inverse().apply(np.concatenate(self._driven_m))
             if self._aim.gap.is_open:
-                self._aim.gap.set(GapState.EXPLORED, f"scanned from its place by node {node_id}")
+                self._aim.gap.set(GapState.EXPLORED, f"scanned at its place: node {node_id}")
         self._driven_m.clear()
         self.graph.add(node)
         self._scanned_aim, self._aim = self._aim, None
         self._is_new_node = True
 
     def relocate(self, poses: FloatArray) -> None:
-        """SLAM moved the nodes: poses (K, 3) of the K observed nodes, in order of observation."""
+        """SLAM moved the nodes: poses (K, 3) of all K of them, in order of observation."""
         if len(poses) != len(self.graph):
             raise StateError(
                 f"relocate: {len(poses)} poses for {len(self.graph)} observed nodes"
@@ -198,7 +196,7 @@ class Explorer:
         """The goal could not be reached: it waits, is tried once more, then given up."""
         aim, self._aim = self._aim, None
         if aim is None or aim.drive is not decision:
-            raise StateError("explorer: report_failure() for a goal that is not the last decision")
+            raise StateError("explorer: report_failure() of what is not the last decision")
         self._failed = decision
         self._refused_m.append(decision.path.points_m[-1])
         self._barren.strike(aim.targets_m)
@@ -234,7 +232,7 @@ class Explorer:
         if radius_m <= 0.0:
             return None
         height, width = grid.shape
-        cells = np.stack(np.indices((height, width)), axis=-1).reshape(-1, 2)
+        cells = np.argwhere(np.ones((height, width), bool))
         start = self.graph.nodes[0].pose
         return within_radius(start, radius_m, grid.metres(cells)).reshape(height, width)
 
@@ -282,7 +280,7 @@ class Explorer:
 
     def _sort_gaps(self, scene: _Scene) -> None:
         """Look at every gap again; what was out of reach may have come into it."""
-        for node, gap in self.graph.gaps():
+        for _, gap in self.graph.gaps():
             if gap.state is GapState.UNREACHABLE and gap.failures < FAILURES_MAX:
                 gap.set(GapState.UNEXPLORED, "")
         self._close_explored(scene)
@@ -294,7 +292,7 @@ class Explorer:
             if gap.state not in (GapState.UNEXPLORED, GapState.TOO_NARROW):
                 continue
             if not within_radius(start, radius_m, node.centroid_m(gap)[None])[0]:
-                gap.set(GapState.UNREACHABLE, f"outside exploration.max_radius_m = {radius_m:g}")
+                gap.set(GapState.UNREACHABLE, f"outside max_radius_m = {radius_m:g}")
                 continue
             targets = self._targets(scene, node, gap)
             if len(targets) == 0:
@@ -303,7 +301,7 @@ class Explorer:
                 scene.targets[id(gap)] = targets
 
     def _choose(self, scene: _Scene) -> Candidate | None:
-        """The strategy's gap; edges of the map once no gap is left; what was refused at last."""
+        """The strategy's gap; edges of the map once none is left; at last what was refused."""
         candidates = self._candidates(scene)
         if not candidates and self._adopt_edges(scene):
             candidates = self._candidates(scene)
@@ -349,32 +347,10 @@ class Explorer:
 
     def _drive_to(self, scene: _Scene, pose: Pose2, node: Node, gap: Gap) -> Drive | None:
         """The way to the gap's viewpoint; None, and the gap says why, when there is none."""
-        targets = scene.targets[id(gap)]
-        used = np.array([*self.graph.positions_m(), *self._refused_m])
-        view = find_viewpoint(
-            scene.terrain, scene.unseen.is_opaque, node.centroid_m(gap), node.outward(gap),
-            targets, used,
-        )
+        view = self._viewpoint(scene, node, gap)
         if view is None:
-            gap.set(GapState.UNREACHABLE, "no reachable place looks into it")
             return None
-        if self._config.visibility_guard:
-            if (other := self._scanned_from(scene, view, targets)) is not None:
-                self._barren.strike(targets, FAILURES_MAX)
-                gap.set(GapState.EXPLORED, f"adds nothing: node {other.id} looked from there")
-                return None
-            gain = scene.unseen.gain_cells(
-                view.cell, view.heading_rad, self._sector_half_rad, self._range_m
-            )
-            if gain * scene.grid.resolution_m**2 < GAIN_MIN_M2:
-                self._barren.strike(targets, FAILURES_MAX)
-                gap.set(GapState.EXPLORED, "adds nothing: a scan would show nothing new")
-                return None
-        costs = self.graph.costs_from(len(self.graph) - 1)
-        situation = Situation(
-            graph=self.graph, current=len(self.graph) - 1, costs_m=costs, candidates=[(node, gap)]
-        )
-        via = [self.graph.nodes[i] for i in self._strategy.retraces(situation, node)]
+        via = [self.graph.nodes[i] for i in self._strategy.retraces(self.graph, node)]
         path = plan_through(scene.terrain, pose, via, view.cell, view.heading_rad)
         drive = Drive(
             path=path,
@@ -383,8 +359,39 @@ class Explorer:
             reason=f"{self._strategy.name}: {gap.kind} {gap.id} of node {node.id}, "
             f"{gap.width_m:.2f} m wide, {path.length_m:.1f} m to drive",
         )
-        self._aim = _Aim(drive=drive, node=node, gap=gap, targets_m=targets)
+        self._aim = _Aim(drive=drive, node=node, gap=gap, targets_m=scene.targets[id(gap)])
         return drive
+
+    def _viewpoint(self, scene: _Scene, node: Node, gap: Gap) -> Viewpoint | None:
+        """A place from which a scan shows something new; None, and the gap says why."""
+        look = Look(
+            centroid_m=node.centroid_m(gap),
+            outward=node.outward(gap),
+            targets_m=scene.targets[id(gap)],
+            used_m=np.array([*self.graph.positions_m(), *self._refused_m]),
+        )
+        view = None
+        for view in viewpoints(
+            scene.terrain, scene.unseen.is_opaque, look, lambda view: self._gain(scene, view)
+        ):
+            if not self._config.visibility_guard:
+                return view
+            if (
+                self._scanned_from(scene, view, look.targets_m) is None
+                and self._gain(scene, view) * scene.grid.resolution_m**2 >= GAIN_MIN_M2
+            ):
+                return view
+        if view is None:
+            gap.set(GapState.UNREACHABLE, "no reachable place looks into it")
+        else:
+            self._barren.strike(look.targets_m, FAILURES_MAX)
+            gap.set(GapState.EXPLORED, "adds nothing: no other place would show more")
+        return None
+
+    def _gain(self, scene: _Scene, view: Viewpoint) -> int:
+        """Unseen cells that a scan may show."""
+        half_rad, range_m = self._sector_half_rad, self._range_m
+        return scene.unseen.gain_cells(view.cell, view.heading_rad, half_rad, range_m)
 
     def _scanned_from(
         self, scene: _Scene, view: Viewpoint, targets_m: FloatArray
@@ -415,4 +422,3 @@ class Explorer:
             if gap.state is not GapState.EXPLORED
         )
         return Finished(reason=reason, left=left, is_complete=is_complete)
-

@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from enum import StrEnum
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -124,9 +125,8 @@ def find_gaps(
     ]
     for gap in gaps:
         if gap.width_m < rules.robot_width_m:
-            gap.set(
-                GapState.TOO_NARROW, f"{gap.width_m:.2f} m wide, robot {rules.robot_width_m:.2f} m"
-            )
+            why = f"{gap.width_m:.2f} m wide, robot {rules.robot_width_m:.2f} m"
+            gap.set(GapState.TOO_NARROW, why)
     return gaps
 
 
@@ -224,7 +224,7 @@ def _runs(beams: _Beams, rules: GapRules) -> list[_Found]:
         width_rad = (after - before) * beams.spacing_rad
         parts = max(1, math.ceil(width_rad / SPLIT_RAD))
         cuts = np.linspace(before, after, parts + 1).round().astype(int)
-        for a, b in zip(cuts[:-1], cuts[1:], strict=True):
+        for a, b in pairwise(cuts.tolist()):
             if b == a:
                 continue
             ends = beams.points_m[[a % beams.count, b % beams.count]]

@@ -30,11 +30,11 @@ SCANNED_M = 0.5  # without the guard: a gap this near to a later scan's place wa
 class Guard(Protocol):
     """What the explorer asks about gaps."""
 
-    def targets_m(
-        self, unseen: Unseen, graph: NodeGraph, node: Node, gap: Gap
-    ) -> FloatArray: ...
+    def targets_m(self, unseen: Unseen, graph: NodeGraph, node: Node, gap: Gap) -> FloatArray:
+        """(T, 2) what a scan at the gap should show; nothing left: the gap is explored."""
 
-    def adopt_edges(self, unseen: Unseen, graph: NodeGraph, led_to: set[int]) -> int: ...
+    def adopt_edges(self, unseen: Unseen, graph: NodeGraph, led_to: set[int]) -> int:
+        """Make gaps of the edges that no gap leads to; returns how many."""
 
 
 class SeenGuard:
@@ -64,7 +64,7 @@ class NoGuard:
     """The paper's rules as printed."""
 
     def targets_m(self, unseen: Unseen, graph: NodeGraph, node: Node, gap: Gap) -> FloatArray:
-        """(1, 2) the gap's centroid; (0, 2) when a scan was taken there, be it for another gap."""
+        """(1, 2) the centroid; (0, 2) once a scan was taken there, be it for another gap."""
         centroid = node.centroid_m(gap)
         away = graph.positions_m() - centroid
         is_scanned = bool((np.hypot(away[:, 0], away[:, 1]) < SCANNED_M).any())

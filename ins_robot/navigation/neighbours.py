@@ -88,7 +88,7 @@ def _crossed(node: Node, other: Node) -> list[tuple[Node, Gap]]:
 
 
 def crosses(a: FloatArray, b: FloatArray, starts: FloatArray, ends: FloatArray) -> np.ndarray:
-    """(N,) bool: whether the segment from a to b meets each segment from starts to ends (N, 2)."""
+    """(N,) bool: which segments from starts to ends (N, 2) meet the one from a to b."""
 
     def side(p: FloatArray, q: FloatArray, r: FloatArray) -> FloatArray:
         return np.asarray(
@@ -102,7 +102,7 @@ def crosses(a: FloatArray, b: FloatArray, starts: FloatArray, ends: FloatArray) 
 
 
 def _looks_along(node: Node, other: Node, crossed: list[tuple[Node, Gap]]) -> bool:
-    """Whether the node's scan lets the line to the other pass: through a gap, or in the clear."""
+    """Whether the node's scan lets the line to the other pass, in the clear or by a gap."""
     if any(owner is node for owner, _ in crossed):
         return True
     away_m = math.hypot(*(other.position_m - node.position_m))

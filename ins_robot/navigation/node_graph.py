@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
 """The nodes (where scans were taken), their gaps, and which node can be driven to from which.
 
-Two nodes that can be travelled between are neighbours; the edge costs what the way costs. From
-any node Dijkstra's algorithm gives the travel-cost map to all others (the paper's steps 03, 04).
+Two nodes that can be travelled between are neighbours; the edge costs what the way costs.
+Dijkstra gives the travel-cost map from any node to all others (the paper's steps 03 and 04).
 `as_json` is what a run's graph.json holds.
 """
 
@@ -66,7 +66,7 @@ class Node:
 
     def centroid_m(self, gap: Gap) -> FloatArray:
         """(2,) centroid of one of its gaps, map frame."""
-        return self.pose.apply(gap.centroid_m[None])[0]
+        return self.pose.apply(gap.centroid_m[None]).reshape(2)
 
     def ends_m(self, gap: Gap) -> FloatArray:
         """(2, 2) ends of one of its gaps, map frame."""
@@ -74,7 +74,7 @@ class Node:
 
     def outward(self, gap: Gap) -> FloatArray:
         """(2,) direction through one of its gaps, map frame."""
-        return Pose2(0.0, 0.0, self.pose.heading_rad).apply(gap.outward[None])[0]
+        return Pose2(0.0, 0.0, self.pose.heading_rad).apply(gap.outward[None]).reshape(2)
 
     def range_towards_m(self, point_m: FloatArray) -> float:
         """What the scan read towards a point of the map; NaN where it did not look."""
@@ -122,7 +122,7 @@ class NodeGraph:
         return np.concatenate([np.zeros((0, 2)), *ways])
 
     def costs_from(self, index: int) -> FloatArray:
-        """(K,) travel cost from one node to every node, through neighbours; inf where no way is."""
+        """(K,) travel cost from one node to each, through neighbours; inf where no way is."""
         return self._dijkstra(index)[0]
 
     def way(self, start: int, goal: int) -> list[int]:

@@ -32,9 +32,13 @@ def plan(
 
 
 def plan_through(
-    terrain: Terrain, start: Pose2, via: list[Node], goal_cell: tuple[int, int], heading_rad: float
+    terrain: Terrain,
+    start: Pose2,
+    via: list[Node],
+    goal_cell: tuple[int, int],
+    heading_rad: float,
 ) -> PlannedPath:
-    """As `plan`, but over nodes in order, on the ways driven before where they are still free."""
+    """As `plan`, but over nodes in order, on the ways driven before where still free."""
     if len(via) < 2:  # noqa: PLR2004 - one node is where the robot is
         return plan(terrain, start, goal_cell, heading_rad)
     legs: list[FloatArray] = []

@@ -8,7 +8,6 @@ and names a gap. `min-gap` is the paper's; `max-gap` is what the paper compares 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from typing import Protocol
@@ -52,8 +51,8 @@ class Strategy(Protocol):
     def choose(self, situation: Situation) -> Candidate | None:
         """The gap to go to, None when there is no candidate."""
 
-    def retraces(self, situation: Situation, node: Node) -> list[int]:
-        """Nodes to pass on the way to `node`, in order; empty: the shortest way."""
+    def retraces(self, graph: NodeGraph, node: Node) -> list[int]:
+        """Nodes to pass from the newest one to `node`, in order; empty: the shortest way."""
 
 
 class CheapestNode:
@@ -71,7 +70,7 @@ class CheapestNode:
         best = min(indices, key=lambda index: (situation.costs_m[index], -index))
         return situation.graph.nodes[best], self._pick(situation.of_node(best))
 
-    def retraces(self, situation: Situation, node: Node) -> list[int]:
+    def retraces(self, graph: NodeGraph, node: Node) -> list[int]:
         """No node in between: the shortest way."""
         return []
 
@@ -90,10 +89,10 @@ class Backtrack:
         best = next((index for index in back if index in indices), max(indices))
         return situation.graph.nodes[best], narrowest(situation.of_node(best))
 
-    def retraces(self, situation: Situation, node: Node) -> list[int]:
+    def retraces(self, graph: NodeGraph, node: Node) -> list[int]:
         """The nodes of the way back, as far as `node` (over the first common one)."""
-        back = self._way_back(situation.graph, situation.current)
-        there = self._way_back(situation.graph, node.index)
+        back = self._way_back(graph, len(graph) - 1)
+        there = self._way_back(graph, node.index)
         common = next((index for index in back if index in there), None)
         if common is None:
             return []
@@ -126,8 +125,3 @@ def make_strategy(name: str) -> Strategy:
         "backtrack": Backtrack,
     }
     return strategies[name]()
-
-
-def is_reached(costs_m: FloatArray, index: int) -> bool:
-    """Whether the travel-cost map knows a way to a node."""
-    return math.isfinite(costs_m[index])

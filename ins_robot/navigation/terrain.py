@@ -4,7 +4,7 @@
 Drivable is what is known to be free, far enough from walls for the body, and not so near to
 unseen cells that the body would reach into them. The way costs more near walls, so that it
 keeps clear of them where there is room, and much more below the preferred clearance, so that a
-narrow door is taken only where it is needed. One Dijkstra wave from the robot prices every cell.
+narrow door is taken only where it is needed. One Dijkstra wave from the robot prices all cells.
 """
 
 from __future__ import annotations
@@ -135,8 +135,13 @@ def survey_terrain(
     _open_escape(factor, grid, clearance, body, start)
     cost, before = _wave(factor, start, grid.resolution_m)
     return Terrain(
-        grid=grid, body=body, start_cell=start, clearance_m=clearance, factor=factor,
-        cost_m=cost, before=before,
+        grid=grid,
+        body=body,
+        start_cell=start,
+        clearance_m=clearance,
+        factor=factor,
+        cost_m=cost,
+        before=before,
     )
 
 

@@ -89,7 +89,10 @@ class Unseen:
     edge_of: IndexArray
 
     def showing_from(
-        self, places_m: FloatArray, middle_m: FloatArray, outward: FloatArray | None,
+        self,
+        places_m: FloatArray,
+        middle_m: FloatArray,
+        outward: FloatArray | None,
         sight_m: float = SIGHT_M,
     ) -> IndexArray:
         """Indices of edge cells that show from any of the places (A, 2).
@@ -107,8 +110,9 @@ class Unseen:
             return index
         resolution = self.grid.resolution_m
         origin = np.array(self.grid.origin_m)
-        starts = (np.asarray(places_m) - origin)[:, ::-1] / resolution
-        seen = sees(self.is_opaque, starts, self.cells[index] + 0.5)
+        starts = np.asarray((np.asarray(places_m) - origin)[:, ::-1] / resolution)
+        ends = np.asarray(self.cells[index] + 0.5, dtype=np.float64)
+        seen = sees(self.is_opaque, starts, ends)
         return index[seen.any(axis=0)]
 
     def gain_cells(
@@ -123,7 +127,7 @@ class Unseen:
         height, width = self.is_unseen.shape
         row = start[0, 0] + distance * np.sin(bearings)
         col = start[0, 1] + distance * np.cos(bearings)
-        leaves = (row < 0.5) | (col < 0.5) | (row > height - 0.5) | (col > width - 0.5)
+        leaves = np.minimum(np.minimum(row, col), np.minimum(height - row, width - col)) < 1.0
         shown = np.unique(flat[self.is_unseen.reshape(-1)[flat]])
         return len(shown) + int(leaves.sum())
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The place to scan a gap from: reachable, near the gap's centroid, and with a view of what is new.
+"""The place to scan a gap from: reachable, near its centroid, and with a view of what is new.
 
 Standing in the opening is best. Where the body does not fit, or must not reach into unseen
 ground, the nearest reachable place that looks in will do. Never right at a wall if there is
@@ -9,19 +9,21 @@ room, and not where a scan was taken already if there is another place.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ins_robot.geometry.angles import FloatArray
 from ins_robot.mapping.ray_cast import cast_rays, cells_on_rays
 from ins_robot.navigation.sight import sees
-from ins_robot.navigation.terrain import Terrain
+from ins_robot.navigation.terrain import BoolArray, IndexArray, Terrain
 
 NEAR_M = 1.2  # from the centroid, where the place is looked for first
 PEEK_M = 4.0  # how far away a place may be that only looks in
 PEEK_RAYS = 120
+PEEK_TARGETS = 3  # targets from which such places are looked for
+PEEKS = 24  # places compared for one target, evenly drawn
 TARGETS = 8  # edge cells a place is judged by
 PLACES = 120  # places tried, best first
 WALL_WEIGHT = 2.0  # metres of distance that a metre of missing room to a wall is worth
@@ -31,7 +33,6 @@ USED_PENALTY_M = 1.0
 COST_WEIGHT = 0.05  # metres of distance that a metre of way is worth
 LOOK_MIN_M = 0.1  # nearer than this a direction says nothing
 
-BoolArray = NDArray[np.bool_]
 Cell = tuple[int, int]
 
 
@@ -43,41 +44,52 @@ class Viewpoint:
     heading_rad: float
 
 
-def find_viewpoint(
-    terrain: Terrain,
-    is_opaque: BoolArray,
-    centroid_m: FloatArray,
-    outward: FloatArray,
-    targets_m: FloatArray,
-    used_m: FloatArray,
-) -> Viewpoint | None:
-    """The best place for a gap, None when no reachable place looks in.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Look:
+    """A gap to be looked into, map frame.
 
-    Parameters
-    ----------
-    centroid_m, outward : (2,) float64
-        Of the gap, map frame.
-    targets_m : (T, 2) float64
-        What the scan should show, T >= 1.
-    used_m : (U, 2) float64
-        Where scans were taken (or goals given up) already.
+    `centroid_m` and `outward` (2,) are the gap's; `targets_m` (T, 2), T >= 1, is what the scan
+    should show; `used_m` (U, 2) are places where scans were taken or goals given up.
     """
-    if len(targets_m) > TARGETS:
-        targets_m = targets_m[np.linspace(0, len(targets_m) - 1, TARGETS).astype(np.int64)]
-    places = _places_around(terrain, centroid_m)
-    cell = _best(terrain, is_opaque, places, centroid_m, targets_m, used_m)
-    if cell is None:
-        for target in targets_m[:: max(1, len(targets_m) // 3)]:
-            places = _places_in_view(terrain, target)
-            cell = _best(terrain, is_opaque, places, target, targets_m, used_m)
-            if cell is not None:
-                break
-    if cell is None:
-        return None
-    return Viewpoint(cell=cell, heading_rad=_facing(terrain, cell, targets_m, outward))
+
+    centroid_m: FloatArray
+    outward: FloatArray
+    targets_m: FloatArray
+    used_m: FloatArray
+
+    @property
+    def sample_m(self) -> FloatArray:
+        """(S, 2) a few of the targets, evenly drawn."""
+        count = len(self.targets_m)
+        if count <= TARGETS:
+            return self.targets_m
+        return self.targets_m[np.linspace(0, count - 1, TARGETS).astype(np.int64)]
 
 
-def _places_around(terrain: Terrain, point_m: FloatArray) -> NDArray[np.int64]:
+def viewpoints(
+    terrain: Terrain, is_opaque: BoolArray, look: Look, gain: Callable[[Viewpoint], int]
+) -> Iterator[Viewpoint]:
+    """Reachable places that look into a gap: the one at its centroid, then what shows most.
+
+    `gain` tells how many unseen cells a scan may show.
+    """
+    near = _best(terrain, is_opaque, _places_around(terrain, look.centroid_m), look)
+    if near is not None:
+        yield Viewpoint(cell=near, heading_rad=_facing(terrain, near, look))
+    targets = look.sample_m
+    for target in targets[:: max(1, len(targets) // PEEK_TARGETS)]:
+        places = _places_in_view(terrain, target)
+        if len(places) > PEEKS:
+            places = places[np.linspace(0, len(places) - 1, PEEKS).astype(np.int64)]
+        peeks = []
+        for row, col in places.tolist():
+            peek = Viewpoint(cell=(row, col), heading_rad=_facing(terrain, (row, col), look))
+            worth = gain(peek) / (1.0 + COST_WEIGHT * float(terrain.cost_m[row, col]))
+            peeks.append((-worth, (row, col), peek))
+        yield from (peek for _, _, peek in sorted(peeks, key=lambda item: item[:2]))
+
+
+def _places_around(terrain: Terrain, point_m: FloatArray) -> IndexArray:
     """(N, 2) reachable cells within NEAR_M of a point."""
     row, col = terrain.grid.cells(point_m)
     reach = math.ceil(NEAR_M / terrain.grid.resolution_m)
@@ -90,7 +102,7 @@ def _places_around(terrain: Terrain, point_m: FloatArray) -> NDArray[np.int64]:
     return np.asarray(cells[away <= NEAR_M])
 
 
-def _places_in_view(terrain: Terrain, target_m: FloatArray) -> NDArray[np.int64]:
+def _places_in_view(terrain: Terrain, target_m: FloatArray) -> IndexArray:
     """(N, 2) reachable cells that see a point over known free ground."""
     grid = terrain.grid
     is_free = grid.is_free
@@ -105,43 +117,38 @@ def _places_in_view(terrain: Terrain, target_m: FloatArray) -> NDArray[np.int64]
 
 
 def _best(
-    terrain: Terrain,
-    is_opaque: BoolArray,
-    places: NDArray[np.int64],
-    anchor_m: FloatArray,
-    targets_m: FloatArray,
-    used_m: FloatArray,
+    terrain: Terrain, is_opaque: BoolArray, places: IndexArray, look: Look
 ) -> Cell | None:
-    """Of the places that see about as many targets as any, the one nearest to the anchor."""
+    """Of the places that see about as many targets as any, the one nearest to the centroid."""
     if len(places) == 0:
         return None
     points = terrain.grid.metres(places)
     at = places[:, 0], places[:, 1]
     wanted = terrain.body.radius_m + terrain.body.clearance_m + ROOM_M
-    score = np.hypot(*(points - anchor_m).T)
+    score = np.hypot(*(points - look.centroid_m).T)
     score += WALL_WEIGHT * np.clip(wanted - terrain.clearance_m[at], 0.0, None)
     score += COST_WEIGHT * terrain.cost_m[at]
-    if len(used_m):
-        near = np.hypot(*(points[:, None] - used_m[None]).transpose(2, 0, 1)).min(axis=1)
-        score += USED_PENALTY_M * (near < USED_M)
+    if len(look.used_m):
+        away = points[:, None] - look.used_m[None]
+        score += USED_PENALTY_M * (np.hypot(away[..., 0], away[..., 1]).min(axis=1) < USED_M)
     order = np.argsort(score, kind="stable")
     if len(order) > PLACES:  # the best third, and the rest drawn evenly
         first = PLACES // 3
         rest = np.linspace(first, len(order) - 1, PLACES - first).astype(np.int64)
         order = np.concatenate([order[:first], order[rest]])
-    targets = (targets_m - np.array(terrain.grid.origin_m))[:, ::-1] / terrain.grid.resolution_m
-    seen = sees(is_opaque, places[order] + 0.5, targets).sum(axis=1)
+    origin, resolution = np.array(terrain.grid.origin_m), terrain.grid.resolution_m
+    targets = np.asarray((look.sample_m - origin)[:, ::-1] / resolution)
+    starts = np.asarray(places[order] + 0.5, dtype=np.float64)
+    seen = sees(is_opaque, starts, targets).sum(axis=1)
     if seen.max() == 0:
         return None
     chosen = order[int(np.flatnonzero(2 * seen >= seen.max())[0])]
     return int(places[chosen, 0]), int(places[chosen, 1])
 
 
-def _facing(
-    terrain: Terrain, cell: Cell, targets_m: FloatArray, outward: FloatArray
-) -> float:
+def _facing(terrain: Terrain, cell: Cell, look: Look) -> float:
     """Towards the middle of the targets; through the gap when standing on it."""
-    ahead = targets_m.mean(axis=0) - terrain.grid.metres(np.array(cell))
+    ahead = look.targets_m.mean(axis=0) - terrain.grid.metres(np.array(cell))
     if math.hypot(*ahead) < LOOK_MIN_M:
-        ahead = outward
+        ahead = look.outward
     return math.atan2(ahead[1], ahead[0])
