@@ -219,6 +219,9 @@ class ControlConfig:
     guard_margin_m: float = option(
         0.02, "clearance the guard keeps around the body", at_least=0.0
     )
+    guard_time_s: float = option(
+        0.8, "slow down so that the nearest obstacle is at least this far in time", at_least=0.0
+    )
     stuck_s: float = option(6.0, "no progress for this long: the goal is given up", above=0.0)
 
 

@@ -3,7 +3,8 @@
 
 It knows the distance to the nearest obstacle of the map and, where the LRF runs while driving,
 the points of the last revolution. It looks as far ahead as braking takes. Moving away from an
-obstacle is always allowed, so a robot found too near a wall can leave it.
+obstacle is always allowed, so a robot found too near a wall can leave it. Near obstacles it
+slows the robot down, whichever way it goes: what is near is what is not fully known yet.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from ins_robot.geometry.pose2 import Pose2
 from ins_robot.messages import VelocityCommand
 
 REACTION_S = 0.15  # motor lag and one tick
+CREEP_MPS = 0.06  # however near, this fast is safe
 SCALES = (1.0, 0.6, 0.3, 0.1)
 
 
@@ -57,6 +59,7 @@ class CollisionGuard:
         self._radius_m = robot_radius_m
         self._keep_m = robot_radius_m + config.guard_margin_m
         self._brake_mps2 = config.accel_mps2
+        self._time_s = config.guard_time_s
         self._surroundings: Surroundings | None = None
 
     def observe(self, surroundings: Surroundings) -> None:
@@ -73,12 +76,25 @@ class CollisionGuard:
         ux = (c * wanted.vx_mps - s * wanted.vy_mps) / speed
         uy = (s * wanted.vx_mps + c * wanted.vy_mps) / speed
         here_m = known.clearance_m(pose.x_m, pose.y_m)
+        pace = min(1.0, self._near_speed_mps(here_m) / speed)
         for scale in SCALES:
-            ahead_m = self._stopping_m(scale * speed)
+            ahead_m = self._stopping_m(scale * pace * speed)
             there_m = known.clearance_m(pose.x_m + ux * ahead_m, pose.y_m + uy * ahead_m)
             if there_m >= min(self._keep_m, here_m):
-                return _scaled(wanted, scale), scale < 1.0
+                return _scaled(wanted, scale * pace), scale < 1.0
         return VelocityCommand(yaw_rate_radps=wanted.yaw_rate_radps), True
+
+    def clearance_m(self, pose: Pose2) -> float:
+        """From the body at `pose` to the nearest known obstacle; infinite where none is known."""
+        if self._surroundings is None:
+            return math.inf
+        return self._surroundings.clearance_m(pose.x_m, pose.y_m) - self._radius_m
+
+    def _near_speed_mps(self, here_m: float) -> float:
+        """Fastest speed this near to an obstacle: distance over `control.guard_time_s`."""
+        if self._time_s == 0.0:
+            return math.inf
+        return max(CREEP_MPS, (here_m - self._radius_m) / self._time_s)
 
     def blocks(self, here: tuple[float, float], points: Sequence[tuple[float, float]]) -> bool:
         """True when a body at one of `points` would touch what is known, and does not here."""
@@ -101,6 +117,10 @@ class NoGuard:
     def apply(self, pose: Pose2, wanted: VelocityCommand) -> tuple[VelocityCommand, bool]:
         """The wanted velocity as it is."""
         return wanted, False
+
+    def clearance_m(self, pose: Pose2) -> float:
+        """Nothing is known to be anywhere."""
+        return math.inf
 
     def blocks(self, here: tuple[float, float], points: Sequence[tuple[float, float]]) -> bool:
         """Nothing is known to be there."""

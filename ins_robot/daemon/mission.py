@@ -31,6 +31,8 @@ T = TypeVar("T")
 
 CALIBRATION_TIMEOUT_S = 60.0
 WATCH_PERIOD_S = 0.2  # how often a drive looks at its pose uncertainty
+ROOMY_M = 0.4  # with this much clearance `lrf.look_every_m` is taken as it is
+CRAMPED_SHARE = 0.35  # and no less than this share of it among obstacles
 SETTLE_S = 0.2  # from the last command to standing still
 
 
@@ -206,7 +208,8 @@ class Mission:
             return False
         if self.core.position_std_m > self._config.slam.sweep_std_m:
             return True
-        every_m = self._config.lrf.look_every_m
+        roominess = self._pilot.clearance_m(self.core.pose) / ROOMY_M
+        every_m = self._config.lrf.look_every_m * min(1.0, max(CRAMPED_SHARE, roominess))
         return every_m > 0.0 and self.core.nearest_look_m() > every_m
 
     async def _sweep(self) -> None:

@@ -54,6 +54,10 @@ class Pilot:
         self._arrival = asyncio.get_running_loop().create_future()
         return self._arrival
 
+    def clearance_m(self, pose: Pose2) -> float:
+        """From the body at `pose` to the nearest known obstacle."""
+        return self._guard.clearance_m(pose)
+
     def is_blocked(self, pose: Pose2) -> bool:
         """True when the guard would stop the robot, now at `pose`, on the path still ahead."""
         if self._follower is None:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import distance_transform_edt
+from scipy.ndimage import binary_dilation, distance_transform_edt
 
 from ins_robot.config import MapConfig
 from ins_robot.geometry.angles import FloatArray
@@ -97,15 +97,24 @@ class OccupancyGrid:
         """(H, W) bool: neither free nor occupied."""
         return (self.log_odds >= -KNOWN_LOG_ODDS) & (self.log_odds <= OCCUPIED_LOG_ODDS)
 
+    @property
+    def is_solid(self) -> BoolArray:
+        """(H, W) bool: occupied, or unknown right beside it.
+
+        What was hit goes on behind the face that was seen; nobody has seen how far.
+        """
+        occupied = self.is_occupied
+        return occupied | (self.is_unknown & binary_dilation(occupied, np.ones((3, 3), bool)))
+
     def distance_m(self) -> FloatArray:
-        """(H, W) Euclidean distance to the nearest occupied cell; inf when there is none.
+        """(H, W) Euclidean distance to the nearest solid cell; inf when there is none.
 
         Cached until the grid changes; the array is read-only.
         """
         if self._distance_m is None:
-            occupied = self.is_occupied
-            if occupied.any():
-                distance = distance_transform_edt(~occupied, sampling=self.resolution_m)
+            solid = self.is_solid
+            if solid.any():
+                distance = distance_transform_edt(~solid, sampling=self.resolution_m)
             else:
                 distance = np.full(self.shape, np.inf)
             distance.flags.writeable = False

@@ -39,9 +39,21 @@ def test_it_may_leave_a_wall_it_is_too_near_to() -> None:
     guard.observe(_wall_at_x(2.0))
     near = Pose2(1.9, 2.0, 0.0)
     away, limited = guard.apply(near, VelocityCommand(vx_mps=-0.2))
-    assert (away.vx_mps, limited) == (-0.2, False)
+    assert away.vx_mps < -0.05  # at a crawl, but away
+    assert not limited
     towards, limited = guard.apply(near, VelocityCommand(vx_mps=0.2, yaw_rate_radps=0.5))
     assert (towards.vx_mps, towards.yaw_rate_radps, limited) == (0.0, 0.5, True)
+
+
+def test_it_slows_down_near_obstacles_whichever_way_it_goes() -> None:
+    guard = CollisionGuard(CONFIG, RADIUS_M)
+    guard.observe(_wall_at_x(2.0))
+    far, near = (
+        guard.apply(Pose2(x, 2.0, 0.0), VelocityCommand(vy_mps=0.2))[0].vy_mps
+        for x in (1.0, 1.7)
+    )
+    assert far == 0.2
+    assert near == pytest.approx((0.1 - 0.0) / CONFIG.guard_time_s, abs=0.04)
 
 
 def test_a_live_point_stops_it_where_the_map_is_free() -> None:
