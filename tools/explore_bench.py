@@ -121,7 +121,7 @@ class BenchRobot:
             pieces.append(a + np.linspace(0.0, 1.0, count + 1)[1:, None] * (b - a))
         points = np.concatenate(pieces) + [self.world.start.x_m, self.world.start.y_m]
         room = clearance_m(self.world.is_occupied, points)
-        touches = room < self.radius_m
+        touches = room < self.radius_m - 1e-3
         self.contacts += int((touches[1:] & ~touches[:-1]).sum() + touches[0])
         self.clearance_min_m = min(self.clearance_min_m, float(room.min()))
         self.path_m += path.length_m

@@ -26,10 +26,11 @@ from ins_robot.navigation.guard import Guard, NoGuard, SeenGuard, edges_of_gap, 
 from ins_robot.navigation.neighbours import identify_neighbours
 from ins_robot.navigation.node_graph import Node, NodeGraph
 from ins_robot.navigation.planner import dense_points_m, plan_through
+from ins_robot.navigation.squeeze import find_squeezes
 from ins_robot.navigation.strategies import Candidate, Situation, make_strategy
-from ins_robot.navigation.terrain import BodyRules, Terrain, survey_terrain
+from ins_robot.navigation.terrain import BodyRules, Terrain, driven_cells, survey_terrain
 from ins_robot.navigation.unseen import SIGHT_M, BarrenEdges, Unseen, survey_unseen
-from ins_robot.navigation.viewpoint import Look, Viewpoint, viewpoints
+from ins_robot.navigation.viewpoint import Look, Viewpoint, near_viewpoint, peeks
 
 MOVED_SHARE = 0.5  # a scan that leaves more than this share of its edges was in vain
 GAIN_MIN_M2 = 0.15  # a scan that can show less adds nothing
@@ -92,11 +93,13 @@ class _Shown:
 class _Scene:
     """One decision's view of the world; `targets` holds the gaps worth driving to."""
 
+    pose: Pose2
     grid: OccupancyGrid
     terrain: Terrain
     unseen: Unseen
     targets: dict[int, FloatArray] = field(default_factory=dict)
     has_adopted: bool = False
+    has_squeezed: bool = False
 
 
 class Explorer:
@@ -223,8 +226,31 @@ class Explorer:
         is_allowed = self._allowed(grid)
         unseen = survey_unseen(grid, self._config.frontier_min_m, self._barren, is_allowed)
         been_m = np.concatenate([self.graph.driven_m(), *self._driven_m])
-        terrain = survey_terrain(grid, pose, self._body, unseen.is_hidden, is_allowed, been_m)
-        return _Scene(grid=grid, terrain=terrain, unseen=unseen)
+        odd = driven_cells(grid, been_m, self._body)
+        terrain = survey_terrain(grid, pose, self._body, unseen.is_hidden, is_allowed, odd)
+        return _Scene(pose=pose, grid=grid, terrain=terrain, unseen=unseen)
+
+    def _squeeze(self, scene: _Scene) -> bool:
+        """Look at the ground again, narrow passages included; once a decision."""
+        if scene.has_squeezed:
+            return False
+        scene.has_squeezed = True
+        grid, unseen = scene.grid, scene.unseen
+        odd = find_squeezes(grid, self.graph, self._body, unseen.is_unseen)
+        before = scene.terrain.is_reachable.sum()
+        scene.terrain = survey_terrain(
+            grid,
+            scene.pose,
+            self._body,
+            unseen.is_hidden,
+            self._allowed(grid),
+            scene.terrain.odd.joined(odd),
+        )
+        if scene.terrain.is_reachable.sum() <= before:
+            return False
+        self._sort_gaps(scene)
+        scene.has_adopted = False
+        return True
 
     def _allowed(self, grid: OccupancyGrid) -> np.ndarray | None:
         """(H, W) bool: within `exploration.max_radius_m` of the start."""
@@ -305,6 +331,8 @@ class Explorer:
         candidates = self._candidates(scene)
         if not candidates and self._adopt_edges(scene):
             candidates = self._candidates(scene)
+        if not candidates and self._squeeze(scene):
+            return self._choose(scene)
         if not candidates:
             for _, gap in self.graph.gaps():
                 gap.is_deferred = False
@@ -370,23 +398,29 @@ class Explorer:
             targets_m=scene.targets[id(gap)],
             used_m=np.array([*self.graph.positions_m(), *self._refused_m]),
         )
-        view = None
-        for view in viewpoints(
-            scene.terrain, scene.unseen.is_opaque, look, lambda view: self._gain(scene, view)
-        ):
-            if not self._config.visibility_guard:
-                return view
-            if (
-                self._scanned_from(scene, view, look.targets_m) is None
-                and self._gain(scene, view) * scene.grid.resolution_m**2 >= GAIN_MIN_M2
-            ):
-                return view
+        view = near_viewpoint(scene.terrain, scene.unseen.is_opaque, look)
+        if view is not None and self._is_worth(scene, view, look):
+            return view
+        if gap.kind is GapKind.EDGE:
+            for peek in peeks(scene.terrain, look, lambda peek: self._gain(scene, peek)):
+                view = peek
+                if self._is_worth(scene, view, look):
+                    return view
         if view is None:
             gap.set(GapState.UNREACHABLE, "no reachable place looks into it")
-        else:
+            return None
+        if gap.kind is GapKind.EDGE:
             self._barren.strike(look.targets_m, FAILURES_MAX)
-            gap.set(GapState.EXPLORED, "adds nothing: no other place would show more")
+        gap.set(GapState.EXPLORED, "adds nothing: a scan there would show no more")
         return None
+
+    def _is_worth(self, scene: _Scene, view: Viewpoint, look: Look) -> bool:
+        """Whether a scan there may show something that no earlier one did."""
+        if not self._config.visibility_guard:
+            return True
+        if self._scanned_from(scene, view, look.targets_m) is not None:
+            return False
+        return self._gain(scene, view) * scene.grid.resolution_m**2 >= GAIN_MIN_M2
 
     def _gain(self, scene: _Scene, view: Viewpoint) -> int:
         """Unseen cells that a scan may show."""

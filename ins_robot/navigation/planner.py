@@ -95,12 +95,22 @@ def _reachable_near(terrain: Terrain, point_m: FloatArray) -> tuple[int, int] | 
 
 
 def way_points_m(terrain: Terrain, start: Pose2, cells: IndexArray) -> FloatArray:
-    """(N, 2) way points of a way of cells, pulled straight; the first is the robot's place."""
-    points = terrain.grid.metres(cells)
+    """(N, 2) way points of a way of cells, pulled straight; the first is the robot's place.
+
+    Odd cells are passed one by one, at the places they are open at.
+    """
+    points, is_odd = terrain.places_m(cells)
     points[0] = start.x_m, start.y_m
-    if len(points) == 1:
-        return points
-    return points[_pull_straight(terrain, cells, points)]
+    fixed = np.flatnonzero(is_odd[1:-1]) + 1
+    kept = [0]
+    for stop in [*fixed.tolist(), len(points) - 1]:
+        if stop == kept[-1]:
+            continue
+        stretch = slice(kept[-1], stop + 1)
+        straight = _pull_straight(terrain, cells[stretch], points[stretch])
+        base = kept[-1]
+        kept.extend(base + index for index in straight[1:])
+    return points[kept]
 
 
 def with_headings(points_m: FloatArray, start_rad: float, goal_rad: float) -> PlannedPath:

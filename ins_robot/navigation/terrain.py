@@ -43,8 +43,37 @@ class BodyRules:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class OddCells:
+    """Cells to be driven at a certain place instead of their centre.
+
+    `cells` (M, 2) int64 and `places_m` (M, 2) float64, map frame.
+    """
+
+    cells: IndexArray
+    places_m: FloatArray
+
+    @staticmethod
+    def none() -> OddCells:
+        """No such cell."""
+        return OddCells(cells=np.zeros((0, 2), np.int64), places_m=np.zeros((0, 2)))
+
+    def joined(self, other: OddCells) -> OddCells:
+        """Both; where both name a cell, this one counts."""
+        return OddCells(
+            cells=np.concatenate([self.cells, other.cells]),
+            places_m=np.concatenate([self.places_m, other.places_m]),
+        )
+
+    def kept(self, keep: BoolArray) -> OddCells:
+        """Some of them, by mask (M,)."""
+        return OddCells(cells=self.cells[keep], places_m=self.places_m[keep])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Terrain:
     """One decision's view of the ground.
+
+    `odd` are cells open by exception (driven before, narrow passages), at a place in them.
 
     Attributes
     ----------
@@ -67,6 +96,21 @@ class Terrain:
     factor: FloatArray
     cost_m: FloatArray
     before: IndexArray
+    odd: OddCells
+
+    def places_m(self, cells: IndexArray) -> tuple[FloatArray, BoolArray]:
+        """(N, 2) where to drive in cells (N, 2), and (N,) which of them are odd."""
+        places = self.grid.metres(cells)
+        width = self.cost_m.shape[1]
+        odd_flat = self.odd.cells[:, 0] * width + self.odd.cells[:, 1]
+        names, first = np.unique(odd_flat, return_index=True)
+        flat = cells[:, 0] * width + cells[:, 1]
+        if len(names) == 0:
+            return places, np.zeros(len(cells), bool)
+        at = np.minimum(np.searchsorted(names, flat), len(names) - 1)
+        is_odd = names[at] == flat
+        places[is_odd] = self.odd.places_m[first[at[is_odd]]]
+        return places, is_odd
 
     @property
     def is_reachable(self) -> BoolArray:
@@ -110,7 +154,7 @@ def survey_terrain(
     body: BodyRules,
     is_hidden: BoolArray,
     is_allowed: BoolArray | None = None,
-    been_m: FloatArray | None = None,
+    odd: OddCells | None = None,
 ) -> Terrain:
     """Price the ground as seen from a pose.
 
@@ -120,16 +164,14 @@ def survey_terrain(
         Cells the body must not reach into: see `Unseen`.
     is_allowed : (H, W) bool, optional
         Where the robot's centre may be at all.
-    been_m : (N, 2) float64, optional
-        Places the robot's centre has been, densely: what later scans show around them cannot
-        lock the robot in.
+    odd : OddCells, optional
+        Cells to open where they are closed, and where in them to drive.
     """
     row, col = grid.cells(np.array([pose.x_m, pose.y_m]))
     start = (int(row), int(col))
     clearance = grid.distance_m() - 0.5 * grid.resolution_m
     factor = _ground_factors(grid, clearance, body, is_hidden)
-    if been_m is not None:
-        _open_driven(factor, grid, clearance, body, been_m)
+    odd = _open_odd(factor, odd or OddCells.none())
     if is_allowed is not None:
         factor[~is_allowed] = np.inf
     _open_escape(factor, grid, clearance, body, start)
@@ -142,6 +184,7 @@ def survey_terrain(
         factor=factor,
         cost_m=cost,
         before=before,
+        odd=odd,
     )
 
 
@@ -162,22 +205,31 @@ def _ground_factors(
     return factor
 
 
-def _open_driven(
-    factor: FloatArray,
-    grid: OccupancyGrid,
-    clearance: FloatArray,
-    body: BodyRules,
-    been_m: FloatArray,
-) -> None:
-    """Keep open what was driven, unless an obstacle now stands clearly in it."""
+def driven_cells(grid: OccupancyGrid, been_m: FloatArray, body: BodyRules) -> OddCells:
+    """Where the robot's centre has been, at places (N, 2) densely.
+
+    It can be there again, whatever later scans show around: they cannot lock the robot in.
+    Unless an obstacle now stands clearly in the way.
+    """
     half = 0.5 * grid.resolution_m  # to all sides, so that the cells join by their edges
     beside = half * np.array([[0.0, 0.0], [1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
-    cells = grid.cells((been_m[:, None] + beside).reshape(-1, 2))
-    cells = cells[grid.contains(cells)]
-    rows, cols = cells[:, 0], cells[:, 1]
-    closed = ~np.isfinite(factor[rows, cols]) & ~grid.is_occupied[rows, cols]
-    closed &= clearance[rows, cols] >= body.radius_m - grid.resolution_m
-    factor[rows[closed], cols[closed]] = ESCAPE_FACTOR
+    odd = OddCells(
+        cells=grid.cells((beside[:, None] + been_m).reshape(-1, 2)),
+        places_m=np.tile(been_m, (len(beside), 1)),
+    )
+    odd = odd.kept(grid.contains(odd.cells))
+    rows, cols = odd.cells[:, 0], odd.cells[:, 1]
+    room = grid.distance_m()[rows, cols] - half
+    is_clear = ~grid.is_occupied[rows, cols] & (room >= body.radius_m - grid.resolution_m)
+    return odd.kept(is_clear)
+
+
+def _open_odd(factor: FloatArray, odd: OddCells) -> OddCells:
+    """Open the odd cells that are closed; returns those."""
+    rows, cols = odd.cells[:, 0], odd.cells[:, 1]
+    opened = odd.kept(~np.isfinite(factor[rows, cols]))
+    factor[opened.cells[:, 0], opened.cells[:, 1]] = ESCAPE_FACTOR
+    return opened
 
 
 def _open_escape(

@@ -22,8 +22,8 @@ from ins_robot.navigation.terrain import BoolArray, IndexArray, Terrain
 NEAR_M = 1.2  # from the centroid, where the place is looked for first
 PEEK_M = 4.0  # how far away a place may be that only looks in
 PEEK_RAYS = 120
-PEEK_TARGETS = 3  # targets from which such places are looked for
-PEEKS = 24  # places compared for one target, evenly drawn
+PEEK_TARGETS = 2  # targets from which such places are looked for
+PEEKS = 16  # places compared for one target, evenly drawn
 TARGETS = 8  # edge cells a place is judged by
 PLACES = 120  # places tried, best first
 WALL_WEIGHT = 2.0  # metres of distance that a metre of missing room to a wall is worth
@@ -66,27 +66,32 @@ class Look:
         return self.targets_m[np.linspace(0, count - 1, TARGETS).astype(np.int64)]
 
 
-def viewpoints(
-    terrain: Terrain, is_opaque: BoolArray, look: Look, gain: Callable[[Viewpoint], int]
+def near_viewpoint(terrain: Terrain, is_opaque: BoolArray, look: Look) -> Viewpoint | None:
+    """The reachable place nearest to the gap's centroid that looks into it."""
+    cell = _best(terrain, is_opaque, _places_around(terrain, look.centroid_m), look)
+    if cell is None:
+        return None
+    return Viewpoint(cell=cell, heading_rad=_facing(terrain, cell, look))
+
+
+def peeks(
+    terrain: Terrain, look: Look, gain: Callable[[Viewpoint], int]
 ) -> Iterator[Viewpoint]:
-    """Reachable places that look into a gap: the one at its centroid, then what shows most.
+    """Reachable places that look in from afar, those first that show most for their way.
 
     `gain` tells how many unseen cells a scan may show.
     """
-    near = _best(terrain, is_opaque, _places_around(terrain, look.centroid_m), look)
-    if near is not None:
-        yield Viewpoint(cell=near, heading_rad=_facing(terrain, near, look))
     targets = look.sample_m
     for target in targets[:: max(1, len(targets) // PEEK_TARGETS)]:
         places = _places_in_view(terrain, target)
         if len(places) > PEEKS:
             places = places[np.linspace(0, len(places) - 1, PEEKS).astype(np.int64)]
-        peeks = []
+        found = []
         for row, col in places.tolist():
             peek = Viewpoint(cell=(row, col), heading_rad=_facing(terrain, (row, col), look))
             worth = gain(peek) / (1.0 + COST_WEIGHT * float(terrain.cost_m[row, col]))
-            peeks.append((-worth, (row, col), peek))
-        yield from (peek for _, _, peek in sorted(peeks, key=lambda item: item[:2]))
+            found.append((-worth, (row, col), peek))
+        yield from (peek for _, _, peek in sorted(found, key=lambda item: item[:2]))
 
 
 def _places_around(terrain: Terrain, point_m: FloatArray) -> IndexArray:
