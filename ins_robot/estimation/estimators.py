@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
-"""Pose estimators behind one protocol: the Kalman filter's odometry alone, or particles on a map.
+"""Pose estimators behind one protocol: the odometry alone, or particles on a map.
 
-`predict` moves the pose, `correct` lays a scan on a local map when the estimator has use for it.
+`predict` moves the pose, `correct` lays a scan on a local map if the estimator has use for it.
 """
 
 from __future__ import annotations
@@ -127,7 +127,7 @@ def _match(
     scan: Surfels, field: LikelihoodField, prior: FloatArray, covariance: FloatArray
 ) -> Alignment | None:
     """Best alignment near the prior, or None when it is poor or incredible."""
-    information = np.linalg.inv(covariance)
+    information: FloatArray = np.linalg.inv(covariance)
     std_m = math.sqrt(max(float(np.linalg.eigvalsh(covariance[:2, :2])[-1]), 0.0))
     std_rad = math.sqrt(float(covariance[2, 2]))
     match = None

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: MIT
-"""Loop closures: has the robot come back to a place it knows by another way?
+"""Loop closures: the robot is back at a place that it knows by another way.
 
-Candidates are nodes near enough for the drift since, but not linked to the present ones. The scan
-is searched for in their local map, aligned, and must fit well, be unambiguous, and be confirmed
-by the next nodes' closures, since a false closure is worse than none.
+Candidates are nodes near enough for the drift since, but not linked to the present ones. The
+scan is searched for in their local map, aligned, and must fit well, be unambiguous, and be
+confirmed by the next nodes' closures, since a false closure is worse than none. Old nodes that
+are linked are rechecked on their own the same way: a loop closed a little wrong pulls straight.
 """
 
 from __future__ import annotations
@@ -125,7 +126,7 @@ class LoopCloser:
     def _recheck(
         self, nodes: NodeMap, node: int, linked: list[int], scan: Surfels
     ) -> Closure | None:
-        """Does the old part of the linked map, taken alone, put the node where it is?"""
+        """Where the old part of the linked map, taken alone, puts the node."""
         pose = nodes.graph.poses[node]
         old = [
             k

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
-"""How the base moved, with its doubt: motion increments sampled, chained and given a covariance.
+"""How the base moved, with its doubt: motion increments sampled, chained, turned.
 
-Increments carry their own covariance when the Kalman filter made them; `odometry_covariance` is
-for logs that hold bare poses (the odometry model of Thrun, Burgard, Fox 2005, 5.4, linearised).
+An increment brings its own covariance: from the Kalman filter, or from the model of a log's
+odometry. Thrun, Burgard, Fox (2005), chapter 5.
 """
 
 from __future__ import annotations
@@ -12,23 +12,12 @@ import math
 import numpy as np
 
 from ins_robot.geometry.angles import FloatArray
-from ins_robot.geometry.pose2 import Pose2, compose
+from ins_robot.geometry.pose2 import compose
 from ins_robot.messages import MotionIncrement
 
-STILL_STD_M = 0.01
-STILL_STD_RAD = math.radians(0.3)
-STD_M_PER_M = 0.15
-STD_M_PER_RAD = 0.02
-STD_RAD_PER_RAD = 0.15
-STD_RAD_PER_M = math.radians(6.0)
-
-
-def odometry_covariance(delta: Pose2) -> FloatArray:
-    """(3, 3) covariance of an increment read off bare odometry poses."""
-    way_m, turn_rad = math.hypot(delta.x_m, delta.y_m), abs(delta.heading_rad)
-    position = STILL_STD_M + STD_M_PER_M * way_m + STD_M_PER_RAD * turn_rad
-    heading = STILL_STD_RAD + STD_RAD_PER_RAD * turn_rad + STD_RAD_PER_M * way_m
-    return np.diag([position**2, position**2, heading**2])
+# Odometry errs the same way again and again: against a scan it is worth less than its variance
+# says, or a steady bias leaks into every match. Without a match the variance stands as it is.
+REPEATED_ERRORS = 9.0
 
 
 def chain(first: MotionIncrement, second: MotionIncrement) -> MotionIncrement:
@@ -49,7 +38,7 @@ def chain(first: MotionIncrement, second: MotionIncrement) -> MotionIncrement:
 
 
 def turned(covariance: FloatArray, heading_rad: float) -> FloatArray:
-    """(3, 3) covariance of an increment, seen in the frame in which the base has that heading."""
+    """(3, 3) covariance of an increment, in the frame where the base has that heading."""
     c, s = math.cos(heading_rad), math.sin(heading_rad)
     rotation = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
     return np.asarray(rotation @ covariance @ rotation.T)

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: MIT
 """The map as nodes: scans at poses that a graph may still move; local maps are drawn from them.
 
-Surfels of all nodes lie in one store, each in its node's frame, never copied: a moved node takes
-its scan along by moving its pose. What is *linked* to a node over edges nearby agrees with it and
-may be matched against; what is near but not linked is the far end of a loop.
+Surfels of all nodes lie in one store, each in its node's frame, never copied: a moved node
+takes its scan along by moving its pose. What is *linked* to a node over edges nearby agrees with
+it and may be matched against; what is near but not linked is the far end of a loop.
 """
 
 from __future__ import annotations
@@ -27,6 +27,8 @@ LOCAL_NODES = 30
 MATCH_RADIUS_M = 12.0  # what is further from the robot is left out of a local map
 EDGES_PER_NODE = 4
 SURFEL_SPACING_M = 0.03
+MATCHED_ODOMETRY_WORTH = 0.01
+MOTION_VARIANCE_MIN = np.diag([1e-6, 1e-6, 1e-7])
 BEHIND_M = 0.15  # surfaces seen from behind by more than this are the other side of a wall
 
 
@@ -78,10 +80,13 @@ class NodeMap:
         self._bounds.append(last)
         return node
 
-    def link_motion(self, start: int, end: int, motion: MotionIncrement) -> None:
-        """Odometry edge between consecutive nodes."""
-        information = np.linalg.inv(motion.covariance + np.diag([1e-6, 1e-6, 1e-7]))
-        self.graph.add_edge(start, end, motion.delta.as_array(), information)
+    def link_motion(
+        self, start: int, end: int, motion: MotionIncrement, is_matched: bool
+    ) -> None:
+        """Odometry edge between consecutive nodes; a match has used the odometry up already."""
+        worth = MATCHED_ODOMETRY_WORTH if is_matched else 1.0
+        information: FloatArray = np.linalg.inv(motion.covariance + MOTION_VARIANCE_MIN)
+        self.graph.add_edge(start, end, motion.delta.as_array(), worth * information)
 
     def link_match(
         self, node: int, pose: FloatArray, match: Alignment, is_closure: bool = False
@@ -118,6 +123,8 @@ class NodeMap:
 
     def local_field(self, nodes: list[int], pose: FloatArray) -> LikelihoodField | None:
         """What the nearest of `nodes` saw around `pose`, from the side the robot is on."""
+        if not nodes:
+            return None
         index = np.array(nodes)
         off = self.graph.poses[index, :2] - pose[:2]
         nearest = np.argsort((off**2).sum(axis=1), kind="stable")[:LOCAL_NODES]

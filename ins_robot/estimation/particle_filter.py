@@ -2,8 +2,8 @@
 """Particle filter over poses: knows motion and a likelihood function, knows no map.
 
 Prediction samples the motion (the paper's eq. 2-3); a scan that could be matched sharpens the
-proposal, particle by particle, as in FastSLAM 2.0 (Montemerlo et al. 2003; Grisetti et al. 2007),
-and the true likelihood corrects the weights. The match enters as information and gradient, so
+proposal, particle by particle (FastSLAM 2.0: Montemerlo et al. 2003; Grisetti et al. 2007), and
+the true likelihood corrects the weights. The match enters as information and gradient, so
 that a corridor, which says nothing along its axis, leaves the motion to decide there.
 """
 
@@ -13,7 +13,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ins_robot.estimation.motion_model import sample_motion, turned
+from ins_robot.estimation.motion_model import REPEATED_ERRORS, sample_motion, turned
 from ins_robot.estimation.resampling import (
     effective_sample_size,
     normalise,
@@ -54,11 +54,11 @@ class ParticleFilter:
     def prior(self) -> tuple[FloatArray, FloatArray]:
         """Mean (3,) and covariance (3, 3) of the prediction, without its sampling noise."""
         mean, covariance = _moments(self._moved, normalise(self.log_weights))
-        return mean, covariance + self._motion_covariance
+        return mean, covariance + self._motion_covariance * REPEATED_ERRORS
 
     def weigh(self, match: Alignment, log_likelihood: LogLikelihood) -> None:
         """Draw each particle from motion times match instead; weigh it by the scan itself."""
-        motion_information = np.linalg.inv(self._motion_covariance)
+        motion_information = np.linalg.inv(self._motion_covariance * REPEATED_ERRORS)
         information = motion_information + match.information
         covariance = np.linalg.inv(information)
         ahead = _difference(self._moved, match.pose)  # each particle's motion mean
@@ -71,7 +71,7 @@ class ParticleFilter:
         # weight = likelihood * motion / proposal, each up to a common constant
         moved = drawn - ahead
         log_motion = -0.5 * np.einsum("pi,ij,pj->p", moved, motion_information, moved)
-        log_proposal = -0.5 * (noise**2).sum(axis=1)
+        log_proposal = -0.5 * np.sum(noise**2, axis=1)
         self.log_weights = (
             self.log_weights + log_likelihood(self.poses) + log_motion - log_proposal
         )

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: MIT
 """Pose graph: nodes and relative poses between them in, relaxed node poses out.
 
-Sparse Gauss-Newton (Lu & Milios 1997; Grisetti et al. 2010) with the first node held, and dynamic
-covariance scaling on loop closures (Agarwal et al. 2013): a closure that disagrees with all the
-rest fades. A graph whose edges already agree is left exactly as it was.
+Sparse Gauss-Newton (Lu & Milios 1997; Grisetti et al. 2010), the first node held. Closures
+fade by dynamic covariance scaling (Agarwal et al. 2013) when they disagree with all the rest. A
+graph whose edges already agree is left exactly as it was.
 """
 
 from __future__ import annotations
@@ -16,11 +16,12 @@ from scipy.sparse.linalg import splu
 
 from ins_robot.geometry.angles import FloatArray, wrap_rad
 from ins_robot.geometry.pose2 import between
+from ins_robot.mapping.occupancy_grid import BoolArray, IntArray
 
 ITERATIONS = 6
 CONVERGED_M = 1e-4
 CONSISTENT_CHI2 = 1e-12
-CLOSURE_SCALE = 25.0  # chi-squared beyond which a closure fades
+FADE_CHI2 = 25.0  # a closure off by more than this fades
 
 
 class PoseGraph:
@@ -66,7 +67,7 @@ class PoseGraph:
         information: FloatArray,
         is_closure: bool = False,
     ) -> None:
-        """`end` was measured at `start_from_end` (3,), with information (3, 3) in `start`'s frame."""
+        """`end` was measured at `start_from_end` (3,), information (3, 3) in `start`'s frame."""
         self._from.append(start)
         self._to.append(end)
         self._measured.append(start_from_end)
@@ -75,8 +76,8 @@ class PoseGraph:
         self._neighbours[start].add(end)
         self._neighbours[end].add(start)
 
-    def linked(self, starts: list[int], is_near: np.ndarray) -> list[int]:
-        """Near nodes reached over edges from the near ones of `starts`, by hops."""
+    def linked(self, starts: list[int], is_near: BoolArray) -> list[int]:
+        """Near nodes reached over edges from the near ones of `starts`, fewest edges first."""
         queue = [node for node in starts if is_near[node]]
         seen = set(queue)
         for node in queue:
@@ -105,11 +106,11 @@ class PoseGraph:
 
     def _solve(
         self,
-        start: np.ndarray,
-        end: np.ndarray,
+        start: IntArray,
+        end: IntArray,
         measured: FloatArray,
         information: FloatArray,
-        is_closure: np.ndarray,
+        is_closure: BoolArray,
     ) -> FloatArray:
         """(K, 3) Gauss-Newton step; zero where the graph agrees."""
         a, b = self.poses[start], self.poses[end]
@@ -118,10 +119,8 @@ class PoseGraph:
         chi2 = np.einsum("ei,eij,ej->e", error, information, error)
         if chi2.max() < CONSISTENT_CHI2:
             return np.zeros_like(self.poses)
-        scale = np.where(
-            is_closure, np.minimum(1.0, 2 * CLOSURE_SCALE / (CLOSURE_SCALE + chi2)), 1
-        )
-        weighted = information * (scale**2)[:, None, None]
+        faded = _fade(chi2, is_closure)
+        weighted = information * (faded**2)[:, None, None]
         c, s = np.cos(a[:, 2]), np.sin(a[:, 2])
         dx, dy = b[:, 0] - a[:, 0], b[:, 1] - a[:, 1]
         by_end = np.zeros((len(a), 3, 3))
@@ -162,6 +161,11 @@ class PoseGraph:
             -gradient.reshape(-1)[3:]
         )
         return np.concatenate([np.zeros(3), step]).reshape(-1, 3)
+
+
+def _fade(chi2: FloatArray, is_closure: BoolArray) -> FloatArray:
+    """(E,) factor on each edge's error: 1, falling for closures that disagree with the rest."""
+    return np.where(is_closure, np.minimum(1.0, 2.0 * FADE_CHI2 / (FADE_CHI2 + chi2)), 1.0)
 
 
 def heading_rotation(heading_rad: float) -> FloatArray:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The occupancy grid of a node map, drawn from the corrected scans and redrawn where they moved.
+"""The occupancy grid of a node map, drawn from its scans and drawn again when nodes moved.
 
 New nodes are added as they come. When a correction moved nodes visibly, the grid is drawn again
 from all scans in the order they were taken, which is what a clamped log-odds grid means.

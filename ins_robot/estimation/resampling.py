@@ -24,7 +24,7 @@ def effective_sample_size(weights: FloatArray) -> float:
 
 
 def resample_low_variance(weights: FloatArray, rng: np.random.Generator) -> IntArray:
-    """(P,) indices drawn so that index i appears P * weights[i] times on average.
+    """(P,) indices; index i is among them P * weights[i] times on average.
 
     One spin of a wheel with P equally spaced pointers: every count is floor or ceil of its mean.
     """

@@ -2,8 +2,8 @@
 """Where a scan fits a local map: correlative search, then Gauss-Newton on surfels.
 
 `search` tries every pose of a window, coarse to fine, on the maxima pyramid (Olson 2009).
-`align` refines by robust point-to-line least squares and says what the scan knows: an information
-matrix (3, 3) that is flat along a corridor, where the prior then decides.
+`align` refines by robust point-to-line least squares and says what the scan knows: information
+(3, 3) that is flat along a corridor, where the prior then decides.
 Poses are map_from_base, (..., 3); the scan's surfels are in the base frame.
 """
 
@@ -13,6 +13,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ins_robot.geometry.angles import FloatArray, wrap_rad
 from ins_robot.geometry.pose2 import transform_points
@@ -161,7 +162,7 @@ class _Residuals:
     lever_y_m: FloatArray
     var_m2: FloatArray  # (P, B)
     is_matched: BoolArray  # (P, B)
-    surfel: IntArray  # (P, B)
+    surfel: NDArray[np.int32]  # (P, B)
 
 
 def _residuals(field: LikelihoodField, scan: Surfels, poses: FloatArray) -> _Residuals:

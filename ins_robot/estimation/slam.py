@@ -2,8 +2,8 @@
 """SLAM in one screen: a scan and the motion since the last one in, pose and map out.
 
 Predict by the motion, correct by the scan against the map built so far, keep the scan as a node
-when it shows something new, close loops and relax the graph of nodes. Pose and map are corrected
-together: a node that moves carries its scan.
+when it shows something new, close loops and relax the graph of nodes. Pose and map are
+corrected together: a node that moves carries its scan.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ FIELD_STALE_M = 0.5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Anchor:
-    """Where the base was at a scan's stamp, seen from a node: it follows the node's corrections."""
+    """Where the base was at a scan's stamp, seen from a node whose corrections it follows."""
 
     stamp_s: float
     node_id: int
@@ -125,8 +125,11 @@ class Slam:
             return None
         pose = self._estimator.pose()
         if self._field is None or math.dist(pose[:2], self._field_at[:2]) > FIELD_STALE_M:
-            self._linked = self._nodes.linked(self._linked, pose)
-            self._field = self._nodes.local_field(self._linked, pose) if self._linked else None
+            everything = list(range(len(self._nodes)))
+            self._linked = self._nodes.linked(self._linked, pose) or self._nodes.linked(
+                everything, pose
+            )
+            self._field = self._nodes.local_field(self._linked, pose)
             self._field_at = pose
         if self._field is None:
             return None
@@ -148,7 +151,7 @@ class Slam:
         pose = self._estimator.pose()
         node = self._nodes.add(pose, scan, surfels, self._travelled_m)
         if node > 0 and self._since_node is not None:
-            self._nodes.link_motion(node - 1, node, self._since_node)
+            self._nodes.link_motion(node - 1, node, self._since_node, match is not None)
         if match is not None:
             self._nodes.link_match(node, pose, match)
         self._since_node = None

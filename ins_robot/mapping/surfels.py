@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: MIT
 """Surfels: scan points with the normal of the surface they lie on. A scan in, surfels out.
 
-Neighbouring readings vote for the line through each point (principal axes in closed form). Where
-they agree the point is flat and only its distance along the normal means anything; elsewhere (a
-leg, an edge) the point is round and counts in both directions, with less weight. The noise is
-that of a range and a bearing with Gaussian errors, seen along the normal.
+Neighbouring readings vote for the line through each point (principal axes in closed form).
+Where they agree the point is flat and only its distance along the normal means anything;
+elsewhere (a leg, an edge) it is round and counts in both directions, with less weight. The noise
+is that of a range and a bearing with Gaussian errors, seen along the normal.
 """
 
 from __future__ import annotations
