@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
 """What crosses a boundary between packages: frozen, stamped, units in names.
 
-`stamp_s` is host monotonic time (a log brings its own) of the first byte of the datum. Arrays are
-float64 unless said otherwise and read-only after construction. B = beams.
+`stamp_s` is host monotonic time (a log brings its own) of the first byte of the datum. Arrays
+are float64 unless said otherwise and read-only after construction. B = beams.
 """
 
 from __future__ import annotations

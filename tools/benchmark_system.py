@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
 """The whole daemon on the wire over many worlds and seeds: one table, do the bars hold.
 
-    python tools/benchmark_system.py --out runs/bench                  # five worlds x seeds 0..4
-    python tools/benchmark_system.py --worlds DIR --out runs/bench28   # all of DIR, start 0
+    python tools/benchmark_system.py --out runs/bench                 # five worlds, seeds 0..4
+    python tools/benchmark_system.py --worlds DIR --out runs/bench28  # all of DIR, start 0
     ... --set slam.estimator=odometry --jobs 2
 
 DIR holds *.yaml and a worlds.csv with name, start0_x_m, start0_y_m. One JSON line per run goes

@@ -104,7 +104,8 @@ class OccupancyGrid:
         What was hit goes on behind the face that was seen; nobody has seen how far.
         """
         occupied = self.is_occupied
-        return occupied | (self.is_unknown & binary_dilation(occupied, np.ones((3, 3), bool)))
+        beside: BoolArray = binary_dilation(occupied, np.ones((3, 3), bool))
+        return occupied | (self.is_unknown & beside)
 
     def distance_m(self) -> FloatArray:
         """(H, W) Euclidean distance to the nearest solid cell; inf when there is none.

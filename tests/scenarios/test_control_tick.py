@@ -58,8 +58,7 @@ async def _ticks_of_a_first_scan(directory: Path, computed: threading.Event) -> 
         async with asyncio.timeout(60.0):
             await robot.pipeline.complete.wait()
             robot.begin(directory, "tick")
-            while not computed.is_set():
-                await asyncio.sleep(0.1)
+            await asyncio.to_thread(computed.wait)
         robot.supervisor.shut_down("seen enough")
 
     robot.supervisor.add_task("simulator", lambda: simulated.pump(connector))

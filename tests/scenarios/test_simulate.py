@@ -58,7 +58,7 @@ def test_lrf_is_on_only_while_scanning(rooms_run: tuple[Path, dict]) -> None:
 
 
 def test_the_same_seed_gives_the_same_bytes(
-    tmp_path: Path, rooms_run: tuple[Path, dict]
+    ins_robot, tmp_path: Path, rooms_run: tuple[Path, dict]
 ) -> None:
     directory, _ = rooms_run
     ins_robot("simulate", "rooms", "--seed", 0, "--out", tmp_path)
