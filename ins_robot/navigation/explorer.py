@@ -265,11 +265,11 @@ class Explorer:
     def _learn_from_last_scan(self, scene: _Scene) -> None:
         """Edges that a scan aimed at them did not move count as tried."""
         aim, self._scanned_aim = self._scanned_aim, None
-        if aim is None or len(aim.targets_m) == 0 or len(scene.unseen.points_m) == 0:
+        if aim is None:
             return
-        reach = 1.5 * scene.grid.resolution_m
-        away = aim.targets_m[:, None] - scene.unseen.points_m[None]
-        still = (np.abs(away).max(axis=-1) <= reach).any(axis=1)
+        cells = scene.grid.cells(aim.targets_m)
+        still = ~scene.grid.contains(cells)
+        still[~still] = scene.unseen.is_unseen[cells[~still, 0], cells[~still, 1]]
         if still.mean() > MOVED_SHARE:
             self._barren.strike(aim.targets_m[still])
 
@@ -402,7 +402,8 @@ class Explorer:
         if view is not None and self._is_worth(scene, view, look):
             return view
         if gap.kind is GapKind.EDGE:
-            for peek in peeks(scene.terrain, look, lambda peek: self._gain(scene, peek)):
+            opaque = scene.unseen.is_opaque
+            for peek in peeks(scene.terrain, opaque, look, lambda p: self._gain(scene, p)):
                 view = peek
                 if self._is_worth(scene, view, look):
                     return view

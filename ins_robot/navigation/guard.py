@@ -41,11 +41,11 @@ class SeenGuard:
     """The map decides."""
 
     def targets_m(self, unseen: Unseen, graph: NodeGraph, node: Node, gap: Gap) -> FloatArray:
-        """(T, 2) unseen edges that show from the gap: what a scan there should show; map frame.
+        """(T, 2) unseen ground in view from the gap: what a scan there should show; map frame.
 
         None left: the gap is explored.
         """
-        return unseen.points_m[edges_of_gap(unseen, node, gap)]
+        return unseen.ahead_m[edges_of_gap(unseen, node, gap)]
 
     def adopt_edges(self, unseen: Unseen, graph: NodeGraph, led_to: set[int]) -> int:
         """Make gaps of the edges no gap leads to; returns how many."""
@@ -55,7 +55,8 @@ class SeenGuard:
                 points = unseen.points_m[piece]
                 middle = points[int(np.hypot(*(points - points.mean(axis=0)).T).argmin())]
                 node = _nearest_node(unseen, graph, middle)
-                node.gaps.append(_edge_gap(node, points, middle))
+                outward = (unseen.ahead_m[piece] - points).mean(axis=0)
+                node.gaps.append(_edge_gap(node, points, middle, outward))
                 count += 1
         return count
 
@@ -99,7 +100,9 @@ def _nearest_node(unseen: Unseen, graph: NodeGraph, point_m: FloatArray) -> Node
     return graph.nodes[int(asked[seen][0] if seen.any() else order[0])]
 
 
-def _edge_gap(node: Node, points_m: FloatArray, middle_m: FloatArray) -> Gap:
+def _edge_gap(
+    node: Node, points_m: FloatArray, middle_m: FloatArray, towards_m: FloatArray
+) -> Gap:
     """A gap along a piece of edge: its ends lie as far apart as the piece is long."""
     local = node.pose.inverse().apply(points_m)
     middle = node.pose.inverse().apply(middle_m[None])[0]
@@ -108,7 +111,8 @@ def _edge_gap(node: Node, points_m: FloatArray, middle_m: FloatArray) -> Gap:
     along = spread @ axis
     half = 0.5 * float(along.max() - along.min())
     outward = np.array([-axis[1], axis[0]])
-    if float(outward @ middle) < 0.0:
+    towards = Pose2(0.0, 0.0, -node.pose.heading_rad).apply(towards_m[None]).reshape(2)
+    if float(outward @ towards) < 0.0:
         outward = -outward
     return Gap(
         id=len(node.gaps),

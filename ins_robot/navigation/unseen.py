@@ -76,6 +76,8 @@ class Unseen:
         Edge cells.
     points_m : (F, 2) float64
         Their centres, map frame.
+    ahead_m : (F, 2) float64
+        The unseen ground beside each, a cell ahead: who sees it will have moved the edge.
     edge_of : (F,) int64
         Which connected edge each cell belongs to.
     """
@@ -86,6 +88,7 @@ class Unseen:
     is_opaque: BoolArray
     cells: IndexArray
     points_m: FloatArray
+    ahead_m: FloatArray
     edge_of: IndexArray
 
     def showing_from(
@@ -95,7 +98,7 @@ class Unseen:
         outward: FloatArray | None,
         sight_m: float = SIGHT_M,
     ) -> IndexArray:
-        """Indices of edge cells that show from any of the places (A, 2).
+        """Indices of edge cells beyond which one sees from any of the places (A, 2).
 
         With `outward` only those beyond the line through `middle_m` across it.
         """
@@ -111,7 +114,7 @@ class Unseen:
         resolution = self.grid.resolution_m
         origin = np.array(self.grid.origin_m)
         starts = np.asarray((np.asarray(places_m) - origin)[:, ::-1] / resolution)
-        ends = np.asarray(self.cells[index] + 0.5, dtype=np.float64)
+        ends = np.asarray((self.ahead_m[index] - origin)[:, ::-1] / resolution)
         seen = sees(self.is_opaque, starts, ends)
         return index[seen.any(axis=0)]
 
@@ -148,10 +151,8 @@ def survey_unseen(
     if is_allowed is not None:
         is_edge &= is_allowed
     cells = np.argwhere(is_edge)
-    if len(cells):
-        points = grid.metres(cells)
-        dead = barren.mask(points)
-        is_edge[cells[dead, 0], cells[dead, 1]] = False
+    dead = barren.mask(_ahead_m(grid, cells, is_unseen))
+    is_edge[cells[dead, 0], cells[dead, 1]] = False
     labels, count = label(is_edge, np.ones((3, 3), int))
     sizes = np.bincount(labels.reshape(-1), minlength=count + 1)
     long_enough = sizes * grid.resolution_m >= edge_min_m
@@ -164,8 +165,20 @@ def survey_unseen(
         is_opaque=is_opaque,
         cells=cells,
         points_m=grid.metres(cells).reshape(-1, 2),
+        ahead_m=_ahead_m(grid, cells, is_unseen),
         edge_of=labels[cells[:, 0], cells[:, 1]].astype(np.int64),
     )
+
+
+def _ahead_m(grid: OccupancyGrid, cells: IndexArray, is_unseen: BoolArray) -> FloatArray:
+    """(F, 2) middle of the unseen cells around each edge cell; outside the grid is unseen."""
+    padded = np.pad(is_unseen, 1, constant_values=True)
+    offsets = np.array([(r, c) for r in (-1, 0, 1) for c in (-1, 0, 1) if r or c])
+    around = cells[:, None] + offsets + 1
+    weights = padded[around[..., 0], around[..., 1]].astype(np.float64)
+    shift = (weights @ offsets) / np.maximum(weights.sum(axis=1), 1.0)[:, None]
+    centres = grid.metres(cells).reshape(-1, 2)
+    return np.asarray(centres + shift[:, ::-1] * grid.resolution_m)
 
 
 def pieces(unseen: Unseen, edge: int, length_m: float) -> list[IndexArray]:

@@ -75,7 +75,7 @@ def near_viewpoint(terrain: Terrain, is_opaque: BoolArray, look: Look) -> Viewpo
 
 
 def peeks(
-    terrain: Terrain, look: Look, gain: Callable[[Viewpoint], int]
+    terrain: Terrain, is_opaque: BoolArray, look: Look, gain: Callable[[Viewpoint], int]
 ) -> Iterator[Viewpoint]:
     """Reachable places that look in from afar, those first that show most for their way.
 
@@ -83,7 +83,7 @@ def peeks(
     """
     targets = look.sample_m
     for target in targets[:: max(1, len(targets) // PEEK_TARGETS)]:
-        places = _places_in_view(terrain, target)
+        places = _places_in_view(terrain, is_opaque, target)
         if len(places) > PEEKS:
             places = places[np.linspace(0, len(places) - 1, PEEKS).astype(np.int64)]
         found = []
@@ -107,18 +107,17 @@ def _places_around(terrain: Terrain, point_m: FloatArray) -> IndexArray:
     return np.asarray(cells[away <= NEAR_M])
 
 
-def _places_in_view(terrain: Terrain, target_m: FloatArray) -> IndexArray:
-    """(N, 2) reachable cells that see a point over known free ground."""
+def _places_in_view(terrain: Terrain, is_opaque: BoolArray, target_m: FloatArray) -> IndexArray:
+    """(N, 2) reachable cells that see a point."""
     grid = terrain.grid
-    is_free = grid.is_free
     start = (np.asarray(target_m) - np.array(grid.origin_m))[::-1][None] / grid.resolution_m
     bearings = np.linspace(-math.pi, math.pi, PEEK_RAYS, endpoint=False)
     reach = PEEK_M / grid.resolution_m
-    distance = np.minimum(cast_rays(~is_free, start, bearings, reach), reach)
-    flat, _ = cells_on_rays(is_free.shape, start, bearings, distance)
+    distance = np.minimum(cast_rays(is_opaque, start, bearings, reach), reach)
+    flat, _ = cells_on_rays(is_opaque.shape, start, bearings, distance)
     flat = np.unique(flat)
     flat = flat[np.isfinite(terrain.cost_m.reshape(-1)[flat])]
-    return np.stack(np.divmod(flat, is_free.shape[1]), axis=-1)
+    return np.stack(np.divmod(flat, is_opaque.shape[1]), axis=-1)
 
 
 def _best(
