@@ -1,294 +1,214 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""Exploration on the pure core: perfect pose, ideal scans by ray casting, no wire, no clock.
+"""Exploration on the pure core: perfect pose, scans by ray casting, no wire and no clock.
 
-    python tools/explore_bench.py WORLDS_DIR [--worlds a,b] [--strategies min-gap,...] [--jobs N]
+    python tools/explore_bench.py WORLDS_DIR [--worlds a,b] [--strategies a,b] [--jobs N]
 
-One JSON line per run on stdout, a table on stderr. WORLDS_DIR holds PGM worlds and worlds.csv
-(name, start0_x_m, start0_y_m); with reference.jsonl beside it, path lengths are compared.
+One JSON line per run on stdout, a table on stderr. WORLDS_DIR holds map_server worlds and
+worlds.csv with their starts; with reference.jsonl beside it, path lengths are compared.
 """
 
 from __future__ import annotations
 
 import argparse
 import csv
+import dataclasses
 import json
 import math
 import sys
 import time
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from PIL import Image
-from scipy.ndimage import distance_transform_edt, label
 
-from ins_robot.config import ExplorationConfig, LrfConfig, MapConfig, RobotConfig
+from ins_robot.config import Config, LrfConfig
 from ins_robot.geometry.pose2 import Pose2
 from ins_robot.mapping.occupancy_grid import OccupancyGrid
-from ins_robot.mapping.ray_cast import cast_rays, cells_on_rays
+from ins_robot.mapping.ray_cast import cast_rays
 from ins_robot.messages import LaserScan, PlannedPath
 from ins_robot.navigation.explorer import Drive, Explorer, Finished
+from ins_robot.navigation.planner import dense_points_m
+from ins_robot.simulation.seen_area import SeenArea
+from ins_robot.simulation.truth import coverage
+from ins_robot.simulation.visibility import visible_cells
+from ins_robot.simulation.world import World
 
-RESOLUTION_M = 0.05
 BEAMS = 360
-VIEWPOINT_STEP_M = 0.2
-VIEWPOINT_RAYS = 720
-
-
-@dataclass(frozen=True, slots=True)
-class BenchWorld:
-    """A world to explore: row 0 at the bottom, metres from the lower left corner."""
-
-    name: str
-    is_occupied: np.ndarray
-    start: Pose2
-
-    @staticmethod
-    def load(folder: Path, name: str, start: int = 0) -> BenchWorld:
-        with (folder / "worlds.csv").open() as file:
-            row = next(row for row in csv.DictReader(file) if row["name"] == name)
-        with Image.open(folder / f"{name}.pgm") as image:
-            is_occupied = np.asarray(image)[::-1] <= 200
-        pose = Pose2(float(row[f"start{start}_x_m"]), float(row[f"start{start}_y_m"]), 0.0)
-        return BenchWorld(name, np.ascontiguousarray(is_occupied), pose)
-
-    def observable(self, radius_m: float, range_m: float) -> np.ndarray:
-        """(H, W) bool: free cells in view from where the robot's centre can be."""
-        room = distance_transform_edt(~self.is_occupied) * RESOLUTION_M - 0.5 * RESOLUTION_M
-        regions, _ = label(room >= radius_m, np.ones((3, 3), int))
-        row, col = int(self.start.y_m / RESOLUTION_M), int(self.start.x_m / RESOLUTION_M)
-        cells = np.argwhere(regions == regions[row, col])
-        step = round(VIEWPOINT_STEP_M / RESOLUTION_M)
-        chosen = cells[(cells % step == 0).all(axis=1)]
-        seen = np.zeros(self.is_occupied.shape, bool)
-        bearings = np.linspace(-math.pi, math.pi, VIEWPOINT_RAYS, endpoint=False)
-        for cell in [*chosen, np.array([row, col])]:
-            _mark_seen(self.is_occupied, cell + 0.5, bearings, range_m, seen)
-        return seen
-
-
-def _mark_seen(
-    is_occupied: np.ndarray, at: np.ndarray, bearings: np.ndarray, range_m: float, seen: np.ndarray
-) -> np.ndarray:
-    """Mark the cells that rays pass; returns ranges (N,) in metres, inf past the range."""
-    reach = range_m / RESOLUTION_M
-    distance = cast_rays(is_occupied, at[None], bearings, reach)
-    flat, _ = cells_on_rays(is_occupied.shape, at[None], bearings, np.minimum(distance, reach))
-    seen.reshape(-1)[flat] = True
-    return distance * RESOLUTION_M
+TOUCH_M = 1e-3  # the path's own rounding is no contact
+SCANS_MAX = 600
+MARKS_PCT = (90, 95, 99)
+DROP_OUT = 0.03  # share of beams lost, with --noise-seed
+OFFLINE_MIN_M = 3.0  # shorter reference routes give no meaningful ratio
 
 
 class BenchRobot:
     """A robot that is where it wants to be and sees what is there."""
 
     def __init__(
-        self, world: BenchWorld, lrf: LrfConfig, radius_m: float, noise: np.random.Generator | None
+        self,
+        world: World,
+        start: Pose2,
+        lrf: LrfConfig,
+        radius_m: float,
+        noise: np.random.Generator | None = None,
     ) -> None:
-        self.world, self.lrf, self.radius_m, self.noise = world, lrf, radius_m, noise
+        self.world, self.start = world, start
         self.pose = Pose2()  # map_from_base; the map begins at the start
-        self.seen = np.zeros(world.is_occupied.shape, bool)
+        self.seen = SeenArea(world)
         self.path_m = 0.0
-        self.clearance_min_m = math.inf
         self.contacts = 0
+        self.clearance_min_m = math.inf
+        self._lrf, self._radius_m, self._noise = lrf, radius_m, noise
 
-    def scan(self, half_rad: float) -> LaserScan:
-        bearings = np.radians(np.arange(BEAMS) * 360.0 / BEAMS - 180.0)
-        bearings = bearings[np.abs(bearings) <= half_rad + 1e-9]
-        at = self.world.start @ self.pose
-        cell = np.array([at.y_m, at.x_m]) / RESOLUTION_M
-        ranges = _mark_seen(
-            self.world.is_occupied, cell, bearings + at.heading_rad, self.lrf.range_max_m, self.seen
+    def scan(self, half_width_rad: float) -> LaserScan:
+        """What the LRF reads here; silent beyond its range."""
+        bearings = np.radians(np.arange(BEAMS) * (360.0 / BEAMS) - 180.0)
+        bearings = bearings[np.abs(bearings) <= half_width_rad + 1e-9]
+        at = self.start @ self.pose
+        cell = self.world.cells(np.array([[at.x_m, at.y_m]]))
+        reach = self._lrf.range_max_m / self.world.resolution_m
+        ranges = cast_rays(self.world.is_occupied, cell, bearings + at.heading_rad, reach)
+        ranges = ranges * self.world.resolution_m
+        self.seen.add(
+            np.full(len(bearings), at.x_m),
+            np.full(len(bearings), at.y_m),
+            bearings + at.heading_rad,
+            np.minimum(ranges, self._lrf.range_max_m),
         )
-        ranges = np.where(np.isfinite(ranges), ranges, np.nan)
-        std = self.lrf.range_std_floor_m + self.lrf.range_std_per_m2 * ranges**2
-        if self.noise is not None:
-            ranges = ranges + std * self.noise.standard_normal(len(ranges))
-            ranges[self.noise.random(len(ranges)) < 0.03] = np.nan
-        std = np.where(np.isfinite(ranges), std, np.nan)
+        ranges[~np.isfinite(ranges)] = np.nan
+        std = self._lrf.range_std_floor_m + self._lrf.range_std_per_m2 * ranges**2
+        if self._noise is not None:
+            ranges = ranges + std * self._noise.standard_normal(len(ranges))
+            ranges[self._noise.random(len(ranges)) < DROP_OUT] = np.nan
         return LaserScan(
-            stamp_s=0.0, bearings_rad=bearings, ranges_m=ranges, range_std_m=std,
-            beam_offsets_s=np.zeros(len(bearings)), range_max_m=self.lrf.range_max_m,
+            stamp_s=0.0,
+            bearings_rad=bearings,
+            ranges_m=ranges,
+            range_std_m=np.where(np.isfinite(ranges), std, np.nan),
+            beam_offsets_s=np.zeros(len(bearings)),
+            range_max_m=self._lrf.range_max_m,
         )
 
     def drive(self, path: PlannedPath) -> None:
-        """Teleport along the path, counting contacts (stretches of touching a wall)."""
-        pieces = [path.points_m[:1]]
-        for a, b in zip(path.points_m[:-1], path.points_m[1:], strict=True):
-            count = max(1, math.ceil(math.hypot(*(b - a)) / 0.02))
-            pieces.append(a + np.linspace(0.0, 1.0, count + 1)[1:, None] * (b - a))
-        points = np.concatenate(pieces) + [self.world.start.x_m, self.world.start.y_m]
-        room = clearance_m(self.world.is_occupied, points)
-        touches = room < self.radius_m - 1e-3
-        self.contacts += int((touches[1:] & ~touches[:-1]).sum() + touches[0])
-        self.clearance_min_m = min(self.clearance_min_m, float(room.min()))
+        """Go along the path, counting contacts: stretches on which the body is in a wall."""
+        points = self.start.apply(dense_points_m(path.points_m, 0.02))
+        room = [self.world.clearance.nearest_wall(x, y).distance_m for x, y in points.tolist()]
+        touches = np.array(room) < self._radius_m - TOUCH_M
+        self.contacts += int(touches[0]) + int((touches[1:] & ~touches[:-1]).sum())
+        self.clearance_min_m = min(self.clearance_min_m, *room)
         self.path_m += path.length_m
         x, y = path.points_m[-1]
         self.pose = Pose2(float(x), float(y), float(path.headings_rad[-1]))
 
 
-def clearance_m(is_occupied: np.ndarray, points_m: np.ndarray, reach: int = 8) -> np.ndarray:
-    """(N,) true distance from points to the nearest face of an occupied cell, at most `reach`."""
-    at = points_m[:, ::-1] / RESOLUTION_M
-    base = np.floor(at).astype(np.int64)
-    offsets = np.arange(-reach, reach + 1)
-    rows = base[:, 0, None, None] + offsets[:, None]
-    cols = base[:, 1, None, None] + offsets[None, :]
-    height, width = is_occupied.shape
-    inside = (rows >= 0) & (cols >= 0) & (rows < height) & (cols < width)
-    solid = np.ones(np.broadcast_shapes(rows.shape, cols.shape), bool)
-    rows, cols = np.broadcast_arrays(rows, cols)
-    solid[inside] = is_occupied[rows[inside], cols[inside]]
-    down = np.maximum(np.abs(rows + 0.5 - at[:, 0, None, None]) - 0.5, 0.0)
-    right = np.maximum(np.abs(cols + 0.5 - at[:, 1, None, None]) - 0.5, 0.0)
-    away = np.where(solid, np.hypot(down, right), reach)
-    return np.asarray(away.min(axis=(1, 2)) * RESOLUTION_M)
-
-
-def explore(
-    world: BenchWorld,
-    config: ExplorationConfig,
-    *,
-    robot: RobotConfig | None = None,
-    lrf: LrfConfig | None = None,
-    noise: np.random.Generator | None = None,
-    observable: np.ndarray | None = None,
-) -> dict[str, object]:
-    """One run to its own end."""
-    robot, lrf = robot or RobotConfig(), lrf or LrfConfig()
-    for _ in (steps := run_steps(world, config, robot, lrf, noise)):
-        pass
-    del steps
-    return {}
-
-
 @dataclass(slots=True)
 class BenchRun:
-    """State of a run, readable while it goes."""
+    """A run, readable while it goes."""
 
     robot: BenchRobot
     grid: OccupancyGrid
     explorer: Explorer
     decision: Drive | Finished | None = None
     scans: int = 0
-    marks: list[tuple[float, int]] | None = None
-    decide_ms: list[float] | None = None
+    decide_ms: list[float] = field(default_factory=list)
 
 
-def run_steps(
-    world: BenchWorld,
-    config: ExplorationConfig,
-    robot: RobotConfig,
-    lrf: LrfConfig,
-    noise: np.random.Generator | None = None,
+def explore(
+    world: World, start: Pose2, config: Config, noise: np.random.Generator | None = None
 ) -> Iterator[BenchRun]:
-    """Scan, map, decide, drive; yields after each decision, the last is `Finished`."""
-    body = BenchRobot(world, lrf, robot.radius_m, noise)
+    """Scan, map, decide, drive; yields after each decision, the last one is `Finished`."""
+    robot = BenchRobot(world, start, config.lrf, config.robot.radius_m, noise)
     run = BenchRun(
-        body, OccupancyGrid(RESOLUTION_M, MapConfig()), Explorer(config, robot, lrf), decide_ms=[]
+        robot,
+        OccupancyGrid(config.map.resolution_m, config.map),
+        Explorer(config.exploration, config.robot, config.lrf),
     )
     while not isinstance(run.decision, Finished):
-        half_rad = math.pi if run.scans == 0 else math.radians(lrf.sector_deg)
-        scan = body.scan(half_rad)
-        run.grid.integrate(scan, body.pose, lrf.range_trusted_m)
+        half_rad = math.pi if run.scans == 0 else math.radians(config.lrf.sector_deg)
+        scan = robot.scan(half_rad)
+        run.grid.integrate(scan, robot.pose, config.lrf.range_trusted_m)
         begun = time.process_time()
-        run.explorer.observe(run.scans, float(run.scans), body.pose, scan, (0.0, half_rad))
-        run.decision = run.explorer.decide(body.pose, run.grid)
-        assert run.decide_ms is not None
+        run.explorer.observe(run.scans, float(run.scans), robot.pose, scan, (0.0, half_rad))
+        run.decision = run.explorer.decide(robot.pose, run.grid)
         run.decide_ms.append(1e3 * (time.process_time() - begun))
         run.scans += 1
         yield run
         if isinstance(run.decision, Drive):
-            body.drive(run.decision.path)
+            robot.drive(run.decision.path)
 
 
-def measure(job: tuple[str, str, str, bool, int, int | None]) -> dict[str, object]:
-    """One run of the benchmark as a JSON-able result."""
-    folder, name, strategy, guard, start, seed = job
-    world = BenchWorld.load(Path(folder), name, start)
-    robot, lrf = RobotConfig(), LrfConfig()
-    cache = Path("/tmp") / f"observable-{name}-{start}.npy"
-    if cache.exists():
-        observable = np.load(cache)
-    else:
-        observable = world.observable(robot.radius_m, lrf.range_max_m)
-        np.save(cache, observable)
-    config = ExplorationConfig(strategy=strategy, visibility_guard=guard)
-    noise = None if seed is None else np.random.default_rng(seed)
-    marks: dict[str, float] = {}
-    begun = time.perf_counter()
-    for run in run_steps(world, config, robot, lrf, noise):  # noqa: B007
-        share = (run.robot.seen & observable).sum() / observable.sum()
-        for mark in (90, 95, 99):
-            if 100.0 * share >= mark:
-                marks.setdefault(f"l{mark}_m", round(run.robot.path_m, 2))
-        if run.scans > 600:
-            break
-    assert run.decide_ms is not None
-    decision = run.decision
-    offset = np.array([world.start.x_m, world.start.y_m])
-    centres = (np.argwhere(observable)[:, ::-1] + 0.5) * RESOLUTION_M - offset
-    at = run.grid.cells(centres)
-    ok = run.grid.contains(at)
-    known = np.zeros(len(at), bool)
-    known[ok] = ~run.grid.is_unknown[at[ok, 0], at[ok, 1]]
-    return {
-        "world": name,
-        "strategy": strategy,
-        "start": start,
-        "coverage": round(float(share), 4),
-        "known": round(float(known.mean()), 4),
-        "path_m": round(run.robot.path_m, 1),
-        **{key: marks.get(key) for key in ("l90_m", "l95_m", "l99_m")},
-        "scans": run.scans,
-        "contacts": run.robot.contacts,
-        "clearance_min_m": round(run.robot.clearance_min_m, 3),
-        "ms_median": round(float(np.median(run.decide_ms)), 1),
-        "ms_max": round(max(run.decide_ms), 1),
-        "wall_s": round(time.perf_counter() - begun, 1),
-        "end": decision.reason if isinstance(decision, Finished) else "did not end",
-        "left": len(decision.left) if isinstance(decision, Finished) else -1,
-    }
+def run_to_end(
+    world: World, start: Pose2, config: Config, noise: np.random.Generator | None = None
+) -> BenchRun:
+    """The run after its last decision."""
+    *_, run = explore(world, start, config, noise)
+    return run
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("--worlds", default="")
-    parser.add_argument("--strategies", default="min-gap")
-    parser.add_argument("--start", type=int, default=0)
-    parser.add_argument("--no-guard", action="store_true")
-    parser.add_argument("--noise-seed", type=int, default=None)
-    parser.add_argument("--jobs", type=int, default=1)
-    options = parser.parse_args()
-    names = [row["name"] for row in csv.DictReader((options.folder / "worlds.csv").open())]
-    names = options.worlds.split(",") if options.worlds else names
-    reference = read_reference(options.folder / "reference.jsonl")
-    jobs = [
-        (str(options.folder), name, strategy, not options.no_guard, options.start,
-         options.noise_seed)
-        for strategy in options.strategies.split(",")
-        for name in names
-    ]
-    results = []
-    with ProcessPoolExecutor(options.jobs) as pool:
-        for result in pool.map(measure, jobs):
-            results.append(result)
-            print(json.dumps(result), flush=True)
-            row = reference.get(str(result["world"]), {})
-            print(
-                f"{result['world']:24s} {result['strategy']:9s} cov {result['coverage']:.4f} "
-                f"known {result['known']:.4f} "
-                f"path {result['path_m']:6.1f} l99 {result['l99_m']} "
-                f"(nearest {row.get('nearest_recheck', math.nan):.0f}, "
-                f"offline {row.get('offline99', math.nan):.0f}) scans {result['scans']:3d} "
-                f"contacts {result['contacts']} {result['clearance_min_m']} "
-                f"{result['ms_median']}/{result['ms_max']} ms {result['end']} {result['left']}",
-                file=sys.stderr,
-            )
-    summarise(results, reference)
+@dataclass(frozen=True, slots=True)
+class Job:
+    """One run of the benchmark."""
+
+    folder: Path
+    name: str
+    start: int
+    strategy: str
+    guard: bool
+    noise_seed: int | None
+
+    def measure(self) -> dict[str, object]:
+        """Run it; a JSON-able result."""
+        config = Config()
+        config = dataclasses.replace(
+            config,
+            exploration=dataclasses.replace(
+                config.exploration, strategy=self.strategy, visibility_guard=self.guard
+            ),
+        )
+        world = World.load(self.folder / f"{self.name}.yaml")
+        start = read_start(self.folder, self.name, self.start)
+        visible = visible_cells(world, start, config.robot.radius_m, config.lrf.range_max_m)
+        noise = None if self.noise_seed is None else np.random.default_rng(self.noise_seed)
+        marks: dict[str, float] = {}
+        begun = time.perf_counter()
+        for run in explore(world, start, config, noise):
+            share = coverage(run.robot.seen.is_seen(), visible)
+            for mark in MARKS_PCT:
+                if 100.0 * share >= mark:
+                    marks.setdefault(f"l{mark}_m", round(run.robot.path_m, 2))
+            if run.scans >= SCANS_MAX:
+                break
+        ended = run.decision if isinstance(run.decision, Finished) else None
+        return {
+            "world": self.name,
+            "start": self.start,
+            "strategy": self.strategy,
+            "coverage": round(share, 4),
+            "path_m": round(run.robot.path_m, 1),
+            **{f"l{mark}_m": marks.get(f"l{mark}_m") for mark in MARKS_PCT},
+            "scans": run.scans,
+            "contacts": run.robot.contacts,
+            "clearance_min_m": round(run.robot.clearance_min_m, 3),
+            "ms_median": round(float(np.median(run.decide_ms)), 1),
+            "ms_max": round(max(run.decide_ms), 1),
+            "wall_s": round(time.perf_counter() - begun, 1),
+            "end": ended.reason if ended else f"did not end in {SCANS_MAX} scans",
+            "left": len(ended.left) if ended else -1,
+        }
+
+
+def read_names(folder: Path) -> list[str]:
+    with (folder / "worlds.csv").open() as file:
+        return [row["name"] for row in csv.DictReader(file)]
+
+
+def read_start(folder: Path, name: str, start: int) -> Pose2:
+    with (folder / "worlds.csv").open() as file:
+        row = next(row for row in csv.DictReader(file) if row["name"] == name)
+    return Pose2(float(row[f"start{start}_x_m"]), float(row[f"start{start}_y_m"]), 0.0)
 
 
 def read_reference(path: Path) -> dict[str, dict[str, float]]:
@@ -303,27 +223,60 @@ def read_reference(path: Path) -> dict[str, dict[str, float]]:
     return table
 
 
-def summarise(
-    results: list[dict[str, object]], reference: dict[str, dict[str, float]]
-) -> None:
-    for strategy in dict.fromkeys(str(r["strategy"]) for r in results):
+def line_of(result: dict[str, object], reference: dict[str, float]) -> str:
+    nearest = reference.get("nearest_recheck", math.nan)
+    offline = reference.get("offline99", math.nan)
+    return (
+        "{world:24s} {strategy:9s} coverage {coverage:.4f} path {path_m:6.1f} m, "
+        "to 99 % {l99_m} m (nearest {nearest:.0f}, offline {offline:.0f}) scans {scans:3d} "
+        "contacts {contacts} ({clearance_min_m} m) {ms_median}/{ms_max} ms, {end}, {left} left"
+    ).format(**result, nearest=nearest, offline=offline)
+
+
+def summary_of(results: list[dict], reference: dict[str, dict[str, float]]) -> str:
+    shares = np.array([r["coverage"] for r in results])
+    ratios = [
+        (r["l99_m"] or r["path_m"]) / offline
+        for r in results
+        if (offline := reference.get(r["world"], {}).get("offline99", 0.0)) > OFFLINE_MIN_M
+    ] or [math.nan]
+    return (
+        f"{results[0]['strategy']}: {len(results)} runs, coverage min {shares.min():.4f} "
+        f"median {np.median(shares):.4f}, path {sum(r['path_m'] for r in results):.0f} m, "
+        f"scans {sum(r['scans'] for r in results)}, "
+        f"contacts {sum(r['contacts'] for r in results)}, "
+        f"path to 99 % / offline mean {np.mean(ratios):.2f} worst {max(ratios):.2f}, "
+        f"decision median {np.median([r['ms_median'] for r in results]):.0f} ms"
+    )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--worlds", default="", help="names, by comma; default all")
+    parser.add_argument("--strategies", default="min-gap")
+    parser.add_argument("--start", type=int, default=0)
+    parser.add_argument("--no-guard", action="store_true", help="the paper's rules as printed")
+    parser.add_argument("--noise-seed", type=int, help="range noise and lost beams")
+    parser.add_argument("--jobs", type=int, default=1)
+    options = parser.parse_args()
+    names = options.worlds.split(",") if options.worlds else read_names(options.folder)
+    strategies = options.strategies.split(",")
+    reference = read_reference(options.folder / "reference.jsonl")
+    jobs = [
+        Job(options.folder, n, options.start, s, not options.no_guard, options.noise_seed)
+        for s in strategies
+        for n in names
+    ]
+    results: list[dict] = []
+    with ProcessPoolExecutor(options.jobs) as pool:
+        for result in pool.map(Job.measure, jobs):
+            results.append(result)
+            print(json.dumps(result), flush=True)
+            print(line_of(result, reference.get(str(result["world"]), {})), file=sys.stderr)
+    for strategy in strategies:
         mine = [r for r in results if r["strategy"] == strategy]
-        coverage = np.array([float(str(r["coverage"])) for r in mine])
-        ratios = [
-            float(str(r["l99_m"] or r["path_m"])) / reference[str(r["world"])]["offline99"]
-            for r in mine
-            if reference.get(str(r["world"]), {}).get("offline99", 0.0) > 3.0
-        ]
-        paths = sum(float(str(r["path_m"])) for r in mine)
-        scans = sum(int(str(r["scans"])) for r in mine)
-        contacts = sum(int(str(r["contacts"])) for r in mine)
-        print(
-            f"{strategy}: coverage min {coverage.min():.4f} median {np.median(coverage):.4f}; "
-            f"path {paths:.0f} m, scans {scans}, contacts {contacts}, "
-            f"L99 / offline mean {np.mean(ratios or [math.nan]):.2f} "
-            f"worst {max(ratios or [math.nan]):.2f}",
-            file=sys.stderr,
-        )
+        print(summary_of(mine, reference), file=sys.stderr)
 
 
 if __name__ == "__main__":
