@@ -79,6 +79,7 @@ class _Aim:
     node: Node
     gap: Gap
     targets_m: FloatArray
+    is_retraced: bool  # over the nodes of the way back
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -154,7 +155,7 @@ class Explorer:
         )
         if self._aim is not None and before is not None:
             self._note_driven(self._aim.drive, node.position_m)
-            node.came_by_m = before.pose.inverse().apply(np.concatenate(self._driven_m))
+            self._remember_way(node, self._aim)
             if self._aim.gap.is_open:
                 self._aim.gap.set(GapState.EXPLORED, f"scanned at its place: node {node_id}")
         self._driven_m.clear()
@@ -220,6 +221,17 @@ class Explorer:
         away = points - until_m
         nearest = int(np.hypot(away[:, 0], away[:, 1]).argmin())
         self._driven_m.append(points[: nearest + 1])
+
+    def _remember_way(self, node: Node, aim: _Aim) -> None:
+        """From which node the robot came, and how; a way retraced counts from where it ends."""
+        way_m = np.concatenate(self._driven_m)
+        if aim.is_retraced:
+            away_m = way_m - aim.node.position_m
+            nearest = len(way_m) - 1 - int(np.hypot(*away_m[::-1].T).argmin())
+            node.came_from, way_m = aim.node.index, way_m[nearest:]
+        if node.came_from is not None:
+            origin = self.graph.nodes[node.came_from].pose
+            node.came_by_m = origin.inverse().apply(way_m)
 
     def _look_around(self, pose: Pose2, grid: OccupancyGrid) -> _Scene:
         """What is unseen, where the robot can go, and what it costs: one wave."""
@@ -387,7 +399,13 @@ class Explorer:
             reason=f"{self._strategy.name}: {gap.kind} {gap.id} of node {node.id}, "
             f"{gap.width_m:.2f} m wide, {path.length_m:.1f} m to drive",
         )
-        self._aim = _Aim(drive=drive, node=node, gap=gap, targets_m=scene.targets[id(gap)])
+        self._aim = _Aim(
+            drive=drive,
+            node=node,
+            gap=gap,
+            targets_m=scene.targets[id(gap)],
+            is_retraced=len(via) > 1,
+        )
         return drive
 
     def _viewpoint(self, scene: _Scene, node: Node, gap: Gap) -> Viewpoint | None:
