@@ -30,6 +30,7 @@ _READ_TIMEOUT_S = 0.1
 _REPLY_TIMEOUT_S = 0.5
 _QUIET_S = 0.1  # a line silent for this long is drained
 _DRAIN_TIMEOUT_S = 1.0
+_LAST_BANNER_S = 1.0
 _PENDING_S = 0.005  # what had arrived before comes faster than this
 _DISCARD_TIMEOUT_S = 0.05
 
@@ -74,6 +75,7 @@ class LrfDriver:
         self._motor_restarts = 0
         self._restarts_in_a_row = 0
         self._is_motor_on = False
+        self._on_since_s = 0.0
         self._reading = asyncio.Lock()  # a stream has one reader at a time
         self._is_closed = False
 
@@ -119,8 +121,9 @@ class LrfDriver:
         self._restarts_in_a_row = 0
         self._controller.was_switched_off = False
         self._is_motor_on = True
+        self._on_since_s = self._clock()
         self._send("MotorOn")
-        self._watch.start(self._clock())
+        self._watch.start(self._on_since_s)
 
     async def motor_off(self) -> None:
         """Stop the motor. Revolutions not yet taken are dropped."""
@@ -268,7 +271,9 @@ class LrfDriver:
             state.read_line(line)
         if state.set_rpm is not None:
             self._watch.confirm(state.set_rpm)
-        if state.sensor_restarts > restarts and self._is_motor_on:
+        # A banner just after motor-on is the last stop's: printed when the head stood still.
+        is_late = self._clock() - self._on_since_s > _LAST_BANNER_S
+        if state.sensor_restarts > restarts and self._is_motor_on and is_late:
             log.warning(
                 "lrf: the sensor restarted with the motor on (boot banner, firmware %s)",
                 state.sensor_version,
