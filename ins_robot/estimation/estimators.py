@@ -106,7 +106,8 @@ class ParticleEstimator:
         match = _match(scan, field, *self._filter.prior())
         if match is None:
             return None
-        self._filter.weigh(match, lambda poses: log_likelihoods(field, scan, poses))
+        known = scan.take(match.is_inlier)
+        self._filter.weigh(match, lambda poses: log_likelihoods(field, known, poses))
         self._filter.resample_below(self._config.resample_below)
         return match
 
@@ -127,7 +128,7 @@ def _match(
     scan: Surfels, field: LikelihoodField, prior: FloatArray, covariance: FloatArray
 ) -> Alignment | None:
     """Best alignment near the prior, or None when it is poor or incredible."""
-    information: FloatArray = np.linalg.inv(covariance)
+    information = np.asarray(np.linalg.inv(covariance), dtype=np.float64)
     std_m = math.sqrt(max(float(np.linalg.eigvalsh(covariance[:2, :2])[-1]), 0.0))
     std_rad = math.sqrt(float(covariance[2, 2]))
     match = None

@@ -2,8 +2,8 @@
 """The map as nodes: scans at poses that a graph may still move; local maps are drawn from them.
 
 Surfels of all nodes lie in one store, each in its node's frame, never copied: a moved node
-takes its scan along by moving its pose. What is *linked* to a node over edges nearby agrees with
-it and may be matched against; what is near but not linked is the far end of a loop.
+takes its scan along by moving its pose. What is *linked* to a node over edges nearby agrees
+with it and may be matched against; what is near but not linked is the far end of a loop.
 """
 
 from __future__ import annotations
@@ -54,6 +54,7 @@ class NodeMap:
         self._normals = np.zeros((1024, 2))
         self._is_flat = np.zeros(1024, dtype=bool)
         self._std = np.zeros(1024)
+        self._tilt = np.zeros(1024)
         self._sources = np.zeros(1024, dtype=np.int64)
 
     def __len__(self) -> int:
@@ -63,6 +64,7 @@ class NodeMap:
         self, pose: FloatArray, scan: LaserScan, surfels: Surfels, travelled_m: float
     ) -> int:
         """Keep a scan with its surfels (base frame) at a pose (3,); returns the node's id."""
+        surfels = surfels.take(~surfels.is_lone)
         node = self.graph.add_node(pose)
         self.scans.append(scan)
         self.travelled_m.append(travelled_m)
@@ -72,10 +74,12 @@ class NodeMap:
             self._normals = np.concatenate([self._normals, np.zeros_like(self._normals)])
             self._is_flat = np.concatenate([self._is_flat, np.zeros_like(self._is_flat)])
             self._std = np.concatenate([self._std, np.zeros_like(self._std)])
+            self._tilt = np.concatenate([self._tilt, np.zeros_like(self._tilt)])
             self._sources = np.concatenate([self._sources, np.zeros_like(self._sources)])
         part = slice(first, last)
         self._points[part], self._normals[part] = surfels.points_m, surfels.normals
         self._is_flat[part], self._std[part] = surfels.is_flat, surfels.std_m
+        self._tilt[part] = surfels.tilt_std_rad
         self._sources[part] = node
         self._bounds.append(last)
         return node
@@ -85,7 +89,7 @@ class NodeMap:
     ) -> None:
         """Odometry edge between consecutive nodes; a match has used the odometry up already."""
         worth = MATCHED_ODOMETRY_WORTH if is_matched else 1.0
-        information: FloatArray = np.linalg.inv(motion.covariance + MOTION_VARIANCE_MIN)
+        information = np.asarray(np.linalg.inv(motion.covariance + MOTION_VARIANCE_MIN), float)
         self.graph.add_edge(start, end, motion.delta.as_array(), worth * information)
 
     def link_match(
@@ -151,6 +155,8 @@ class NodeMap:
             normals=turn(self._normals[rows]),
             is_flat=self._is_flat[rows],
             std_m=self._std[rows],
+            tilt_std_rad=self._tilt[rows],
+            is_lone=np.zeros(len(rows), dtype=bool),
             sources=sources,
         )
 

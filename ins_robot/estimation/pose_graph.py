@@ -18,6 +18,7 @@ from ins_robot.geometry.angles import FloatArray, wrap_rad
 from ins_robot.geometry.pose2 import between
 from ins_robot.mapping.occupancy_grid import BoolArray, IntArray
 
+POSE_SIZE = 3
 ITERATIONS = 6
 CONVERGED_M = 1e-4
 CONSISTENT_CHI2 = 1e-12
@@ -67,7 +68,7 @@ class PoseGraph:
         information: FloatArray,
         is_closure: bool = False,
     ) -> None:
-        """`end` was measured at `start_from_end` (3,), information (3, 3) in `start`'s frame."""
+        """Say that `end` is at `start_from_end` (3,); information (3, 3) in `start`'s frame."""
         self._from.append(start)
         self._to.append(end)
         self._measured.append(start_from_end)
@@ -88,7 +89,7 @@ class PoseGraph:
         return queue
 
     def relax(self) -> FloatArray:
-        """Least-squares poses for all edges; returns how far each node moved, (K,) in metres."""
+        """Move the nodes to where all edges agree best; returns how far each went, (K,) metres."""
         before = self.poses.copy()
         if not self._from:
             return np.zeros(self._count)
@@ -151,7 +152,7 @@ class PoseGraph:
             ]
         )
         values = np.concatenate([v.ravel() for _, _, v in blocks])
-        free = (rows >= 3) & (cols >= 3)  # node 0 is held
+        free = (rows >= POSE_SIZE) & (cols >= POSE_SIZE)  # node 0 is held
         size = 3 * self._count - 3
         matrix = csc_matrix(
             (values[free], (rows[free] - 3, cols[free] - 3)), shape=(size, size)

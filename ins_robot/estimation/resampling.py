@@ -26,7 +26,7 @@ def effective_sample_size(weights: FloatArray) -> float:
 def resample_low_variance(weights: FloatArray, rng: np.random.Generator) -> IntArray:
     """(P,) indices; index i is among them P * weights[i] times on average.
 
-    One spin of a wheel with P equally spaced pointers: every count is floor or ceil of its mean.
+    One spin of a wheel with P even pointers: every count is the floor or ceiling of its mean.
     """
     count = len(weights)
     pointers = (rng.random() + np.arange(count)) / count

@@ -62,6 +62,9 @@ class Alignment:
         Their number.
     cost : float
         Of scan and prior, smaller is better; comparable for one scan on one map.
+    is_inlier : (B,) bool
+        Which readings lie on the map. Whoever weighs other poses near by weighs these alone:
+        what looks into the unknown must not pull the pose back to where all is known.
     by_source : dict of node id to (3, 3)
         The share of `information` that came from each node of the map.
     """
@@ -72,6 +75,7 @@ class Alignment:
     inlier_share: float
     inliers: int
     cost: float
+    is_inlier: BoolArray
     by_source: dict[int, FloatArray]
 
 
@@ -171,7 +175,7 @@ def _residuals(field: LikelihoodField, scan: Surfels, poses: FloatArray) -> _Res
     lever_x, lever_y = c * qx - s * qy, s * qx + c * qy
     px, py = lever_x + poses[:, 0, None], lever_y + poses[:, 1, None]
     surfel = field.nearest_surfels(px, py)
-    mx, my, nx, ny, var, flat = field.columns.take(surfel, axis=1)
+    mx, my, nx, ny, var, tilt_var, flat = field.columns.take(surfel, axis=1)
     sx, sy = scan.normals[:, 0], scan.normals[:, 1]
     facing = c * (sx * nx + sy * ny) + s * (sx * ny - sy * nx)
     # surfaces that face apart do not correspond; round ones face everywhere
@@ -179,15 +183,17 @@ def _residuals(field: LikelihoodField, scan: Surfels, poses: FloatArray) -> _Res
     px -= mx
     py -= my
     is_round = 1.0 - flat
+    tangent = py * nx - px * ny
     return _Residuals(
         normal_m=px * nx + py * ny,
-        tangent_m=(py * nx - px * ny) * is_round,
+        tangent_m=tangent * is_round,
         is_round=is_round,
         normal_x=nx,
         normal_y=ny,
         lever_x_m=lever_x,
         lever_y_m=lever_y,
-        var_m2=var + (scan.std_m**2 + MAP_STD_M**2),
+        # a tilted normal errs more the further off its surfel it is used
+        var_m2=var + tilt_var * tangent**2 + (scan.std_m**2 + MAP_STD_M**2),
         is_matched=is_matched,
         surfel=surfel,
     )
@@ -203,9 +209,16 @@ def _kernel(residuals: _Residuals, width: float) -> tuple[FloatArray, FloatArray
 
 
 def log_likelihoods(field: LikelihoodField, scan: Surfels, poses: FloatArray) -> FloatArray:
-    """(P,) log-likelihood of the scan at each pose, up to a constant; all beams at once."""
-    cost, _ = _kernel(_residuals(field, scan, poses), 1.0)
-    return -cost
+    """(P,) log-likelihood of the scan at each pose, up to a constant; all beams at once.
+
+    A beam that finds nothing counts as the average one: unknown, neither right nor wrong.
+    """
+    residuals = _residuals(field, scan, poses)
+    cost, _ = _kernel(residuals, 1.0)
+    outlier_cost = 0.5 * KERNEL_STDS**2 / CORRELATION
+    matched = np.maximum(residuals.is_matched.sum(axis=1), 1)
+    known_cost = cost - outlier_cost * (len(scan) - matched)
+    return -known_cost * len(scan) / matched
 
 
 def _jacobians(r: _Residuals) -> tuple[FloatArray, FloatArray]:
@@ -272,6 +285,7 @@ def align(
         inlier_share=float(is_inlier.mean()),
         inliers=int(is_inlier.sum()),
         cost=float(cost[best]),
+        is_inlier=is_inlier,
         by_source=_by_source(field, residuals, weights, best),
     )
 

@@ -71,7 +71,7 @@ class Slam:
     ) -> PoseEstimate:
         """Take in a scan and the motion since the last one.
 
-        `is_node`: keep the scan as a node; None decides by distance and turn since the last one.
+        `is_node`: keep the scan as a node; None decides by distance and turn since then.
         """
         self._estimator.predict(motion)
         self._remember(motion)

@@ -43,8 +43,8 @@ class LikelihoodField:
     ----------
     surfels : Surfels
         One per cell at most, in the map frame; the surest of each cell.
-    columns : (6, N) float64
-        The same, for look-ups in one go: x, y, normal x, normal y, variance, flat (1 or 0).
+    columns : (7, N) float64
+        The same, for look-ups in one go: x, y, normal x and y, variance, tilt variance, flat (1, 0).
     nearest : (H*W,) int32
         Nearest surfel of each cell, -1 where none is within reach. A rim of cells around the
         window is always -1, so that points outside are clipped onto it.
@@ -70,7 +70,13 @@ class LikelihoodField:
         self.nearest: NDArray[np.int32] = table
         kept = self.surfels
         self.columns: FloatArray = np.stack(
-            [*kept.points_m.T, *kept.normals.T, kept.std_m**2, kept.is_flat.astype(np.float64)]
+            [
+                *kept.points_m.T,
+                *kept.normals.T,
+                kept.std_m**2,
+                kept.tilt_std_rad**2,
+                kept.is_flat.astype(np.float64),
+            ]
         )
         self._levels: list[NDArray[np.float32]] = []
 

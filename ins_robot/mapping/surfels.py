@@ -3,8 +3,8 @@
 
 Neighbouring readings vote for the line through each point (principal axes in closed form).
 Where they agree the point is flat and only its distance along the normal means anything;
-elsewhere (a leg, an edge) it is round and counts in both directions, with less weight. The noise
-is that of a range and a bearing with Gaussian errors, seen along the normal.
+elsewhere (a leg, an edge) it is round and counts in both directions, with less weight. The
+noise is that of a range and a bearing with Gaussian errors, seen along the normal.
 """
 
 from __future__ import annotations
@@ -19,10 +19,13 @@ from ins_robot.mapping.occupancy_grid import BoolArray, IntArray
 from ins_robot.messages import LaserScan
 
 NEIGHBOURS_PER_SIDE = 3
+VOTER_SPACING_M = 0.05
+STRIDE_MAX = 8
 REACH_M = 0.12  # neighbours further away than this, plus a share of the range, do not vote
 REACH_PER_M = 0.045
 FLAT_RATIO = 0.12  # across / along spread below which a neighbourhood is a line
 VOTES_MIN = 2
+TILT_STD_MIN_RAD = 0.01
 ROUND_STD_M = 0.05  # an edge looks elsewhere from elsewhere
 
 
@@ -39,6 +42,11 @@ class Surfels:
         False: a round thing or an edge, without a direction to slide along.
     std_m : (N,)
         Standard deviation along the normal (for round ones: in every direction).
+    tilt_std_rad : (N,)
+        Standard deviation of the normal's direction; 0 for round ones, which have none.
+    is_lone : (N,) bool
+        Without neighbours: often the last reading of a wall seen at a slant, whose place along
+        the wall moves with the robot. It may lie on a map, but is no map.
     sources : (N,) int64
         Node each surfel was seen from; -1 for a scan that is no node (yet).
     """
@@ -47,6 +55,8 @@ class Surfels:
     normals: FloatArray
     is_flat: BoolArray
     std_m: FloatArray
+    tilt_std_rad: FloatArray
+    is_lone: BoolArray
     sources: IntArray
 
     def __len__(self) -> int:
@@ -60,6 +70,8 @@ class Surfels:
             normals=turned.apply(self.normals),
             is_flat=self.is_flat,
             std_m=self.std_m,
+            tilt_std_rad=self.tilt_std_rad,
+            is_lone=self.is_lone,
             sources=self.sources,
         )
 
@@ -70,6 +82,8 @@ class Surfels:
             normals=self.normals[index],
             is_flat=self.is_flat[index],
             std_m=self.std_m[index],
+            tilt_std_rad=self.tilt_std_rad[index],
+            is_lone=self.is_lone[index],
             sources=self.sources[index],
         )
 
@@ -80,6 +94,8 @@ class Surfels:
             normals=self.normals,
             is_flat=self.is_flat,
             std_m=self.std_m,
+            tilt_std_rad=self.tilt_std_rad,
+            is_lone=self.is_lone,
             sources=np.full(len(self), node_id),
         )
 
@@ -93,17 +109,6 @@ class Surfels:
         return self.take(first)
 
 
-def concatenate(parts: list[Surfels]) -> Surfels:
-    """All surfels of several sets in one frame."""
-    return Surfels(
-        points_m=np.concatenate([p.points_m for p in parts]),
-        normals=np.concatenate([p.normals for p in parts]),
-        is_flat=np.concatenate([p.is_flat for p in parts]),
-        std_m=np.concatenate([p.std_m for p in parts]),
-        sources=np.concatenate([p.sources for p in parts]),
-    )
-
-
 def surfels_of_scan(scan: LaserScan, bearing_std_rad: float, reach_max_m: float) -> Surfels:
     """Surfels in the LRF frame, by bearing; readings beyond `reach_max_m` are left out."""
     used = np.flatnonzero(np.nan_to_num(scan.ranges_m, nan=np.inf) <= reach_max_m)
@@ -112,7 +117,10 @@ def surfels_of_scan(scan: LaserScan, bearing_std_rad: float, reach_max_m: float)
     points = np.stack([ranges * np.cos(bearings), ranges * np.sin(bearings)], axis=-1)
     count = len(points)
     offsets = np.array([k for k in range(-NEIGHBOURS_PER_SIDE, NEIGHBOURS_PER_SIDE + 1) if k])
-    index = np.arange(count)[:, None] + offsets
+    # near readings lie so close that noise would hide the line: their voters are further apart
+    spacing_m = ranges * (np.median(np.diff(bearings)) if count > 1 else 1.0)
+    stride = np.clip(np.round(VOTER_SPACING_M / np.maximum(spacing_m, 1e-6)), 1, STRIDE_MAX)
+    index = np.arange(count)[:, None] + offsets * stride.astype(np.int64)[:, None]
     inside = (index >= 0) & (index < count)
     steps = points[np.clip(index, 0, max(count - 1, 0))] - points[:, None, :]  # (N, 2k, 2)
     reach = REACH_M + REACH_PER_M * ranges
@@ -137,6 +145,8 @@ def surfels_of_scan(scan: LaserScan, bearing_std_rad: float, reach_max_m: float)
     cos_incidence = (normals * rays).sum(axis=-1)
     range_var = scan.range_std_m[used] ** 2
     bearing_var = (ranges * bearing_std_rad) ** 2
+    votes_var = np.maximum(across_var, range_var) / (along_var + 1e-12) / weight
+    tilt_std = np.sqrt(votes_var + TILT_STD_MIN_RAD**2)
     flat_var = cos_incidence**2 * range_var + (1.0 - cos_incidence**2) * bearing_var
     round_var = range_var + bearing_var + ROUND_STD_M**2
     return Surfels(
@@ -144,5 +154,7 @@ def surfels_of_scan(scan: LaserScan, bearing_std_rad: float, reach_max_m: float)
         normals=normals,
         is_flat=is_flat,
         std_m=np.sqrt(np.where(is_flat, flat_var, round_var)),
+        tilt_std_rad=np.where(is_flat, tilt_std, 0.0),
+        is_lone=votes.sum(axis=1) < VOTES_MIN,
         sources=np.full(count, -1),
     )
