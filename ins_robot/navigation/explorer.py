@@ -239,7 +239,7 @@ class Explorer:
         unseen = survey_unseen(grid, self._config.frontier_min_m, self._barren, is_allowed)
         been_m = np.concatenate([self.graph.driven_m(), *self._driven_m])
         odd = driven_cells(grid, been_m, self._body)
-        terrain = survey_terrain(grid, pose, self._body, unseen.is_hidden, is_allowed, odd)
+        terrain = survey_terrain(grid, pose, self._body, is_allowed, odd)
         return _Scene(pose=pose, grid=grid, terrain=terrain, unseen=unseen)
 
     def _squeeze(self, scene: _Scene) -> bool:
@@ -254,7 +254,6 @@ class Explorer:
             grid,
             scene.pose,
             self._body,
-            unseen.is_hidden,
             self._allowed(grid),
             scene.terrain.odd.joined(odd),
         )

@@ -19,7 +19,7 @@ from ins_robot.mapping.occupancy_grid import OccupancyGrid
 from ins_robot.navigation.node_graph import NodeGraph
 from ins_robot.navigation.terrain import MARGIN_CELLS, BodyRules, OddCells
 
-ROOM_M = 0.01  # least room left around the body
+ROOM_M = 0.015  # least room left around the body
 HIT_RANGE_M = 2.0  # readings up to here place a wall to some millimetres
 COVERED_CELLS = 1.0  # an occupied cell this near to such a reading is told by it
 RIDGE_CELLS = 0.6  # a ridge cell is at most this much nearer to a wall than its neighbours

@@ -152,7 +152,6 @@ def survey_terrain(
     grid: OccupancyGrid,
     pose: Pose2,
     body: BodyRules,
-    is_hidden: BoolArray,
     is_allowed: BoolArray | None = None,
     odd: OddCells | None = None,
 ) -> Terrain:
@@ -160,8 +159,6 @@ def survey_terrain(
 
     Parameters
     ----------
-    is_hidden : (H, W) bool
-        Cells the body must not reach into: see `Unseen`.
     is_allowed : (H, W) bool, optional
         Where the robot's centre may be at all.
     odd : OddCells, optional
@@ -170,7 +167,7 @@ def survey_terrain(
     row, col = grid.cells(np.array([pose.x_m, pose.y_m]))
     start = (int(row), int(col))
     clearance = grid.distance_m() - 0.5 * grid.resolution_m
-    factor = _ground_factors(grid, clearance, body, is_hidden)
+    factor = _ground_factors(grid, clearance, body)
     odd = _open_odd(factor, odd or OddCells.none())
     if is_allowed is not None:
         factor[~is_allowed] = np.inf
@@ -188,19 +185,22 @@ def survey_terrain(
     )
 
 
-def _ground_factors(
-    grid: OccupancyGrid, clearance: FloatArray, body: BodyRules, is_hidden: BoolArray
-) -> FloatArray:
-    """(H, W) cost per metre of known free ground."""
+def _ground_factors(grid: OccupancyGrid, clearance: FloatArray, body: BodyRules) -> FloatArray:
+    """(H, W) cost per metre of known free ground.
+
+    The body must not reach into a single unknown cell: between two beams of a far scan stands
+    the leg of a chair. Nearer than about 3 m the beams leave no cell out.
+    """
     needed = body.radius_m + MARGIN_CELLS * grid.resolution_m
     preferred = max(needed, body.radius_m + body.clearance_m)
     lack = np.clip((preferred + EASE_M - clearance) / EASE_M, 0.0, 1.0)
     factor = 1.0 + EASE_WEIGHT * lack * lack
     factor[clearance < preferred] *= TIGHT_FACTOR
     is_open = grid.is_free & (clearance >= needed)
-    if is_hidden.any():
-        hidden_m = distance_transform_edt(~is_hidden, sampling=grid.resolution_m)
-        is_open &= hidden_m - 0.5 * grid.resolution_m >= body.radius_m
+    is_unknown = grid.is_unknown
+    if is_unknown.any():
+        unknown_m = distance_transform_edt(~is_unknown, sampling=grid.resolution_m)
+        is_open &= unknown_m - 0.5 * grid.resolution_m >= body.radius_m
     factor[~is_open] = np.inf
     return factor
 

@@ -26,7 +26,6 @@ BoolArray = NDArray[np.bool_]
 IndexArray = NDArray[np.int64]
 
 SPECK_CELLS = 3  # unseen ground thinner than this is a speck
-HIDDEN_CELLS = 2  # but it may hide an obstacle from this size on
 SIGHT_M = 3.0  # how far beyond an opening its edges may lie
 BEHIND_M = 0.2  # and how far on the near side
 LOOKS = 48  # edge cells looked at for one opening, evenly drawn
@@ -67,9 +66,6 @@ class Unseen:
     ----------
     is_unseen : (H, W) bool
         Without the specks.
-    is_hidden : (H, W) bool
-        What may hold an obstacle no scan has shown: unseen ground, and small shadows that
-        specks are not, above all those behind a wall's or a leg's front.
     is_opaque : (H, W) bool
         Walls, and the specks between and before their hits.
     cells : (F, 2) int64
@@ -84,7 +80,6 @@ class Unseen:
 
     grid: OccupancyGrid
     is_unseen: BoolArray
-    is_hidden: BoolArray
     is_opaque: BoolArray
     cells: IndexArray
     points_m: FloatArray
@@ -146,7 +141,6 @@ def survey_unseen(
     is_unseen = _open_square(is_unknown, SPECK_CELLS)
     is_behind = is_unknown & _beside(is_occupied, ends=False)
     is_opaque = is_occupied | (is_behind & ~is_unseen)
-    is_hidden = is_behind | _open_square(is_unknown, HIDDEN_CELLS)
     is_edge = grid.is_free & _beside(is_unseen, ends=True)
     if is_allowed is not None:
         is_edge &= is_allowed
@@ -161,7 +155,6 @@ def survey_unseen(
     return Unseen(
         grid=grid,
         is_unseen=is_unseen,
-        is_hidden=is_hidden,
         is_opaque=is_opaque,
         cells=cells,
         points_m=grid.metres(cells).reshape(-1, 2),
