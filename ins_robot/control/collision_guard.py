@@ -40,12 +40,17 @@ class Surroundings:
 
     def clearance_m(self, x_m: float, y_m: float) -> float:
         """From a place to the nearest known obstacle's surface; infinite off the map."""
-        row = math.floor((y_m - self.origin_m[1]) / self.resolution_m)
-        col = math.floor((x_m - self.origin_m[0]) / self.resolution_m)
+        # Between cell centres, bilinear: half a cell matters in a doorway.
+        row_at = (y_m - self.origin_m[1]) / self.resolution_m - 0.5
+        col_at = (x_m - self.origin_m[0]) / self.resolution_m - 0.5
+        row, col = math.floor(row_at), math.floor(col_at)
         height, width = self.distance_m.shape
         clearance = math.inf
-        if 0 <= row < height and 0 <= col < width:
-            clearance = self.distance_m.item(row, col) - 0.5 * self.resolution_m
+        if 0 <= row < height - 1 and 0 <= col < width - 1:
+            up, right, at = row_at - row, col_at - col, self.distance_m.item
+            below = (1.0 - right) * at(row, col) + right * at(row, col + 1)
+            above = (1.0 - right) * at(row + 1, col) + right * at(row + 1, col + 1)
+            clearance = (1.0 - up) * below + up * above - 0.5 * self.resolution_m
         if self.points_m is not None and len(self.points_m):
             dx, dy = self.points_m[:, 0] - x_m, self.points_m[:, 1] - y_m
             clearance = min(clearance, math.sqrt(float((dx * dx + dy * dy).min())))
