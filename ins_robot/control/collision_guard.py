@@ -51,6 +51,8 @@ class Surroundings:
             below = (1.0 - right) * at(row, col) + right * at(row, col + 1)
             above = (1.0 - right) * at(row + 1, col) + right * at(row + 1, col + 1)
             clearance = (1.0 - up) * below + up * above - 0.5 * self.resolution_m
+            if math.isnan(clearance):  # no obstacle on the map at all: 0 * inf
+                clearance = math.inf
         if self.points_m is not None and len(self.points_m):
             dx, dy = self.points_m[:, 0] - x_m, self.points_m[:, 1] - y_m
             clearance = min(clearance, math.sqrt(float((dx * dx + dy * dy).min())))
@@ -90,7 +92,7 @@ class CollisionGuard:
         return VelocityCommand(yaw_rate_radps=wanted.yaw_rate_radps), True
 
     def clearance_m(self, pose: Pose2) -> float:
-        """From the body at `pose` to the nearest known obstacle; infinite where none is known."""
+        """From the body at `pose` to the nearest known obstacle; infinite without one."""
         if self._surroundings is None:
             return math.inf
         return self._surroundings.clearance_m(pose.x_m, pose.y_m) - self._radius_m

@@ -63,3 +63,10 @@ def test_a_live_point_stops_it_where_the_map_is_free() -> None:
     v, limited = guard.apply(Pose2(1.09, 2.0, 0.0), VelocityCommand(vx_mps=0.2))
     assert limited
     assert v.vx_mps == 0.0
+
+
+def test_a_map_without_obstacles_stops_nobody() -> None:
+    guard = CollisionGuard(CONFIG, RADIUS_M)
+    guard.observe(Surroundings(np.full((80, 80), np.inf), (0.0, 0.0), 0.05))
+    wanted = VelocityCommand(vx_mps=0.2)
+    assert guard.apply(Pose2(2.025, 2.025, 0.0), wanted) == (wanted, False)
