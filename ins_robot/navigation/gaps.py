@@ -25,6 +25,7 @@ from ins_robot.messages import LaserScan
 LOST_RAD = math.radians(6.0)  # fewer lost beams in a row than this are drop-outs, not a gap
 SPLIT_RAD = math.radians(75.0)  # a wider run is looked at as several gaps side by side
 FULL_TURN_RAD = math.radians(359.0)  # a sector this wide has no limits
+AHEAD_SHARE = 0.5  # the far end of a gap lies within 60 deg of the line of sight past its edge
 BEARING_HOLE = 2.5  # beams this many spacings apart are not neighbours
 
 
@@ -274,9 +275,11 @@ def _jumps(beams: _Beams) -> list[_Found]:
         near, far = (walls[k], following[k]) if step > 0 else (following[k], walls[k])
         side = _far_side(walls, is_pair & ~is_jump, int(k), step)
         edge = beams.points_m[near]
-        gaps_m = np.hypot(*(beams.points_m[side] - edge).T)
-        ends = np.stack([edge, beams.points_m[side[int(gaps_m.argmin())]]])
         radial = beams.directions[far]
+        across = beams.points_m[side] - edge
+        widths_m = np.hypot(across[:, 0], across[:, 1])
+        widths_m[across @ radial < AHEAD_SHARE * widths_m] = np.inf  # what lies before the edge
+        ends = np.stack([edge, beams.points_m[side[int(widths_m.argmin())]]])
         into_shadow = step * np.array([radial[1], -radial[0]])  # towards the near wall's back
         found.append((int(near), ends, _normal(ends, into_shadow + 0.3 * radial)))
     return found
