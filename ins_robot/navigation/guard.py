@@ -9,7 +9,6 @@ a scan near it, or by rule B.
 
 from __future__ import annotations
 
-import math
 from typing import Protocol
 
 import numpy as np
@@ -122,11 +121,3 @@ def _edge_gap(
         state=GapState.UNEXPLORED,
         why="edge of the seen part of the map",
     )
-
-
-def within_radius(centre: Pose2 | None, radius_m: float, points_m: FloatArray) -> np.ndarray:
-    """(N,) bool: whether points (N, 2) lie within the radius; 0 = no limit."""
-    if centre is None or radius_m <= 0.0:
-        return np.ones(len(points_m), bool)
-    away = points_m - np.array([centre.x_m, centre.y_m])
-    return np.asarray(np.hypot(away[:, 0], away[:, 1]) <= radius_m + math.ulp(radius_m))

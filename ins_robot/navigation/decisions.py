@@ -1,0 +1,57 @@
+# SPDX-License-Identifier: MIT
+"""What the explorer answers: where to drive next, or that it has finished and what was left."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ins_robot.messages import PlannedPath
+from ins_robot.navigation.gaps import GapState
+from ins_robot.navigation.node_graph import NodeGraph
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Drive:
+    """Drive along the path, then scan there: for a gap of a node, and why that one."""
+
+    path: PlannedPath
+    node_id: int
+    gap_id: int
+    reason: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LeftGap:
+    """A gap that was left, and why."""
+
+    node_id: int
+    gap_id: int
+    centroid_m: tuple[float, float]
+    width_m: float
+    state: str
+    why: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Finished:
+    """Nothing left to drive to; `is_complete` is False when a limit ended it."""
+
+    reason: str
+    left: tuple[LeftGap, ...]
+    is_complete: bool = True
+
+
+def left_gaps(graph: NodeGraph) -> tuple[LeftGap, ...]:
+    """All gaps that are not explored."""
+    return tuple(
+        LeftGap(
+            node_id=node.id,
+            gap_id=gap.id,
+            centroid_m=(float(node.centroid_m(gap)[0]), float(node.centroid_m(gap)[1])),
+            width_m=gap.width_m,
+            state=str(gap.state),
+            why=gap.why,
+        )
+        for node, gap in graph.gaps()
+        if gap.state is not GapState.EXPLORED
+    )

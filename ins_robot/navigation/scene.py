@@ -1,0 +1,102 @@
+# SPDX-License-Identifier: MIT
+"""One decision's view of the world: the map so far and a pose in, ground and edges out.
+
+Made once a decision, because everything in it is asked for every gap: what is unseen, where the
+robot can go, what it costs.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ins_robot.geometry.angles import FloatArray
+from ins_robot.geometry.pose2 import Pose2
+from ins_robot.mapping.occupancy_grid import OccupancyGrid
+from ins_robot.navigation.node_graph import NodeGraph
+from ins_robot.navigation.squeeze import find_squeezes
+from ins_robot.navigation.terrain import (
+    BodyRules,
+    BoolArray,
+    Terrain,
+    driven_cells,
+    survey_terrain,
+)
+from ins_robot.navigation.unseen import BarrenEdges, Unseen, survey_unseen
+
+
+@dataclass(slots=True, kw_only=True)
+class Scene:
+    """What a decision looks at.
+
+    Attributes
+    ----------
+    is_allowed : (H, W) bool or None
+        Where the robot may be; None: everywhere.
+    targets : dict
+        For each gap worth driving to, by (node index, gap id): (T, 2) what it should show.
+    has_adopted, has_squeezed : bool
+        What is done once a decision has been done.
+    """
+
+    pose: Pose2
+    grid: OccupancyGrid
+    body: BodyRules
+    is_allowed: BoolArray | None
+    terrain: Terrain
+    unseen: Unseen
+    targets: dict[tuple[int, int], FloatArray] = field(default_factory=dict)
+    has_adopted: bool = False
+    has_squeezed: bool = False
+
+    def squeeze(self, graph: NodeGraph) -> bool:
+        """Price the ground again, narrow passages included; whether that opened any."""
+        if self.has_squeezed:
+            return False
+        self.has_squeezed = True
+        before = int(self.terrain.is_reachable.sum())
+        odd = find_squeezes(self.grid, graph, self.body, self.unseen.is_unseen)
+        odd = self.terrain.odd.joined(odd)
+        self.terrain = survey_terrain(self.grid, self.pose, self.body, self.is_allowed, odd)
+        return int(self.terrain.is_reachable.sum()) > before
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Bounds:
+    """Where exploration may go: a disc about the start; radius 0 = everywhere."""
+
+    radius_m: float
+
+    def holds(self, start: Pose2, points_m: FloatArray) -> BoolArray:
+        """(N,) bool for points (N, 2)."""
+        if self.radius_m <= 0.0:
+            return np.ones(len(points_m), bool)
+        away = points_m - np.array([start.x_m, start.y_m])
+        return np.asarray(np.hypot(away[:, 0], away[:, 1]) <= self.radius_m)
+
+    def cells(self, start: Pose2, grid: OccupancyGrid) -> BoolArray | None:
+        """(H, W) bool of a grid's cells; None: everywhere."""
+        if self.radius_m <= 0.0:
+            return None
+        cells = np.argwhere(np.ones(grid.shape, bool))
+        return self.holds(start, grid.metres(cells)).reshape(grid.shape)
+
+
+def look_around(
+    grid: OccupancyGrid,
+    pose: Pose2,
+    body: BodyRules,
+    *,
+    is_allowed: BoolArray | None,
+    edge_min_m: float,
+    barren: BarrenEdges,
+    driven_m: FloatArray,
+) -> Scene:
+    """What is unseen, where the robot can go, and what it costs: one wave."""
+    unseen = survey_unseen(grid, edge_min_m, barren, is_allowed)
+    odd = driven_cells(grid, driven_m, body)
+    terrain = survey_terrain(grid, pose, body, is_allowed, odd)
+    return Scene(
+        pose=pose, grid=grid, body=body, is_allowed=is_allowed, terrain=terrain, unseen=unseen
+    )
