@@ -69,7 +69,7 @@ class RunCore:
         self.first_stamp_s: float | None = None
         self.last_stamp_s = 0.0
         self._revolutions: list[LaserScan] = []
-        self._odom_at_scans: list[Pose2] = []
+        self._odom_at_scans: dict[float, Pose2] = {}  # by stamp; prepared, perhaps not computed
         self._located_at_s: float | None = None
         self._recorded_at_s = -math.inf
         self._last_odom = Pose2()
@@ -84,13 +84,15 @@ class RunCore:
         """How far off the position may be since the last scan that located the robot."""
         if self._located_at_s is None:
             return 0.0
-        doubt = self.odometry.increment(self._located_at_s, self.last_stamp_s).covariance
+        now_s = max(self._located_at_s, self.last_stamp_s)  # telemetry may be late
+        doubt = self.odometry.increment(self._located_at_s, now_s).covariance
         return math.sqrt(float(doubt[0, 0] + doubt[1, 1]))
 
     def nearest_look_m(self) -> float:
         """Distance from here to the nearest place where a scan was taken."""
         here = self.odometry.pose
-        return min((here.distance_m(place) for place in self._odom_at_scans), default=math.inf)
+        places = self._odom_at_scans.values()
+        return min((here.distance_m(place) for place in places), default=math.inf)
 
     @property
     def next_sector(self) -> Sector:
@@ -170,10 +172,10 @@ class RunCore:
         anchors = [
             Anchor(
                 stamp_s=anchor.stamp_s,
-                odom_from_base=odom,
+                odom_from_base=self._odom_at_scans[anchor.stamp_s],
                 map_from_base=nodes[anchor.node_id].pose @ anchor.node_from_base,
             )
-            for anchor, odom in zip(self.survey.slam.anchors, self._odom_at_scans, strict=True)
+            for anchor in self.survey.slam.anchors
         ]
         return self.trajectory.corrected(anchors)
 
@@ -224,7 +226,7 @@ class RunCore:
         motion = self.odometry.increment(since_s, stamp_s)
         odom_from_base = Pose2.from_array(self.odometry.poses_at(np.array([stamp_s]))[0])
         self._located_at_s = stamp_s
-        self._odom_at_scans.append(odom_from_base)
+        self._odom_at_scans[stamp_s] = odom_from_base
         return ScanJob(
             scan=scan,
             motion=motion,

@@ -50,7 +50,8 @@ class TrajectoryRecorder:
 
     def odometry(self) -> tuple[FloatArray, FloatArray]:
         """Stamps (N,) and odom_from_base (N, 3) as recorded."""
-        rows = np.array(self._rows).reshape(-1, _WIDTH)
+        # A copy in one step: while numpy reads an array, another thread may not extend it.
+        rows = np.frombuffer(self._rows.tobytes()).reshape(-1, _WIDTH)
         return rows[:, 0].copy(), rows[:, 1:].copy()
 
     def corrected(self, anchors: Sequence[Anchor]) -> tuple[FloatArray, FloatArray]:

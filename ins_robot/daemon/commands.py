@@ -7,10 +7,11 @@ import asyncio
 from typing import Any
 
 from ins_robot import __version__
+from ins_robot.core.run_result import RunResult
 from ins_robot.daemon.run_store import RunStore
 from ins_robot.daemon.runtime import Robot, mission_state
 from ins_robot.errors import StateError
-from ins_robot.logs.run_directory import MAP_PGM, MAP_PNG, MAP_YAML, picture_of
+from ins_robot.logs.run_directory import MAP_PGM, MAP_PNG, MAP_YAML, MARGIN_CELLS, picture_of
 from ins_robot.mapping.map_files import TernaryMap, pgm_bytes, yaml_text
 from ins_robot.mapping.map_picture import png_bytes
 
@@ -104,11 +105,7 @@ class DaemonCommands:
             if path is None:
                 raise StateError("no map yet: `ins-robot start` makes one")
             return path.read_bytes()
-        result = await self._robot.snapshot()
-        if format == "png":
-            return png_bytes(picture_of(result))
-        ternary = TernaryMap.of(result.grid).cropped(4)
-        return pgm_bytes(ternary) if format == "pgm" else yaml_text(ternary, MAP_PGM).encode()
+        return await self._robot.snapshot(lambda result: _drawn(result, format))
 
     async def runs(self) -> list[dict[str, Any]]:
         """All recorded runs."""
@@ -125,3 +122,11 @@ class DaemonCommands:
         if self._robot.mission is None:
             raise StateError("no run is under way: `ins-robot start` begins one")
         return self._robot.mission
+
+
+def _drawn(result: RunResult, format: str) -> bytes:
+    """The map of a run in one of the formats."""
+    if format == "png":
+        return png_bytes(picture_of(result))
+    ternary = TernaryMap.of(result.grid).cropped(MARGIN_CELLS)
+    return pgm_bytes(ternary) if format == "pgm" else yaml_text(ternary, MAP_PGM).encode()

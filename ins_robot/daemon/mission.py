@@ -10,7 +10,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Coroutine
 from concurrent.futures import Executor
 from enum import StrEnum
 from typing import Any, Protocol, TypeVar
@@ -113,15 +113,23 @@ class Mission:
     async def explore(self) -> None:
         """Run to the end; `state` and `reason` tell which. Never raises a RobotError."""
         try:
-            async with asyncio.TaskGroup() as self._group:
-                self._method = self._group.create_task(self._explore(), name=self.name)
-        except* RobotError as group:
-            self._end(MissionState.FAILED, str(group.exceptions[0]))
-        finally:
+            await self._run_method()
+        except asyncio.CancelledError:
             self._end(MissionState.STOPPED, "the daemon was shut down")
+            raise
+        finally:
+            self._end(MissionState.FAILED, "internal error in the daemon; see its log")
             self._pilot.halt()
             if self._lrf_on_since_s is not None:
                 await self._motor_off()
+
+    async def _run_method(self) -> None:
+        try:
+            async with asyncio.TaskGroup() as self._group:
+                if not self.state.is_over:  # stopped before it began
+                    self._method = self._group.create_task(self._explore(), name=self.name)
+        except* RobotError as group:
+            self._end(MissionState.FAILED, str(group.exceptions[0]))
 
     def stop(self, reason: str, *, failed: bool = False) -> None:
         """End the run where it is; `explore` returns soon after."""
@@ -253,11 +261,14 @@ class Mission:
         with contextlib.suppress(DeviceError):  # a lost LRF turns nothing
             await self._scanner().motor_off()
 
-    async def _survey(self, job: ScanJob) -> ScanOutcome:
-        """Compute a scan in the worker and let its correction steer."""
+    def _survey(self, job: ScanJob) -> Coroutine[Any, Any, ScanOutcome]:
+        """Hand a scan to the worker at once, in the journal's order; await its outcome."""
         self._is_surveying = True
+        return self._steer_by(self._in_worker(self.core.compute, job))
+
+    async def _steer_by(self, computing: Awaitable[ScanOutcome]) -> ScanOutcome:
         try:
-            outcome = await self._in_worker(self.core.compute, job)
+            outcome = await computing
             self.core.apply(outcome)
             self._pilot.observe(await self._in_worker(self._surroundings))
         finally:
@@ -311,12 +322,8 @@ class Mission:
         self.core.on_revolution(revolution)
         self._mark("sweep")
         job = self.core.prepare_sweep()
-        self._is_surveying = True
         assert self._group is not None
-        self._group.create_task(self._correct(job), name=f"{self.name} sweep")
-
-    async def _correct(self, job: ScanJob) -> None:
-        await self._survey(job)
+        self._group.create_task(self._survey(job), name=f"{self.name} sweep")
 
     # ---------------------------------------------------------------- the operator
 
@@ -367,4 +374,6 @@ class Mission:
         self.journal.write(Mark(stamp_s=self._clock(), kind=kind, payload=payload))
 
     def _in_worker(self, work: Callable[..., T], *args: Any) -> Awaitable[T]:
-        return asyncio.get_running_loop().run_in_executor(self._worker, work, *args)
+        # Shielded: what the journal holds is computed, even when nobody waits for it any more.
+        job = asyncio.get_running_loop().run_in_executor(self._worker, work, *args)
+        return asyncio.shield(job)

@@ -25,7 +25,7 @@ from ins_robot.daemon.health import Health
 from ins_robot.daemon.mission import Mission, MissionState
 from ins_robot.daemon.pilot import Pilot
 from ins_robot.daemon.pipeline import Pipeline
-from ins_robot.daemon.supervisor import StopLatch, Supervisor
+from ins_robot.daemon.supervisor import StopLatch, Supervisor, outcome_of
 from ins_robot.daemon.systemd_notify import SystemdNotifier
 from ins_robot.errors import RobotError, StateError
 from ins_robot.logs.journal import JOURNAL_NAME, JournalHeader, JournalWriter
@@ -79,9 +79,11 @@ class Robot:
         self.mission: Mission | None = None
         self.finished: asyncio.Event = asyncio.Event()
         self.last_summary: dict[str, Any] | None = None
+        self.save_error: RobotError | None = None  # why the last run has no files
         self._survey_worker = ThreadPoolExecutor(1, "survey")
         self._journal_worker = ThreadPoolExecutor(1, "journal")
         self._began_run_s = 0.0
+        self._stops = 0
         self.supervisor.add_device("lrf", self.pipeline.serve_lrf)
         self.supervisor.add_device("imu", self.pipeline.serve_imu)
         self.supervisor.add_device("motors", self.pipeline.serve_motors)
@@ -110,6 +112,7 @@ class Robot:
             config_toml=to_toml(self.config),
         )
         rng = np.random.default_rng(self.config.slam.seed)
+        self.pilot = Pilot(self.config)  # at rest, not held, knowing no other run's walls
         self.mission = Mission(
             name,
             self.config,
@@ -120,17 +123,28 @@ class Robot:
             JournalWriter(directory / JOURNAL_NAME, header),
         )
         self.finished.clear()
+        self.save_error = None
         self._began_run_s = time.perf_counter()
         self.pipeline.mission = self.mission
         self.supervisor.add_task("run", lambda: self._explore(directory))
 
     async def end(self, reason: str, *, failed: bool = False) -> str:
-        """Stop the run and wait until its files are there; its name."""
+        """Stop the run and wait until its files are there; its name.
+
+        Raises
+        ------
+        StateError
+            When there is no run.
+        RobotError
+            When it ended, but could not be saved.
+        """
         if self.mission is None:
             raise StateError("no run is under way")
         name = self.mission.name
         self.mission.stop(reason, failed=failed)
         await self.finished.wait()
+        if self.save_error is not None:
+            raise self.save_error
         return name
 
     async def _explore(self, directory: Path) -> None:
@@ -139,24 +153,46 @@ class Robot:
         try:
             await mission.explore()
         finally:
+            self.pipeline.mission = None  # what comes now belongs to no run
             try:
-                self.last_summary = await self._in_survey_worker(
-                    lambda: self._save(mission, directory)
+                saving = self._in_survey_worker(lambda: self._save(mission, directory))
+                # Shielded: a second cancellation must not take it out of the worker's queue.
+                saved = await outcome_of(
+                    asyncio.shield(saving), f"run '{mission.name}' not saved"
                 )
+                if isinstance(saved, RobotError):
+                    self._tell_unsaved(mission, saved)
+                else:
+                    self.last_summary = saved
             finally:
-                self.pipeline.mission = self.mission = None
+                self.mission = None
                 self.finished.set()
 
     def _save(self, mission: Mission, directory: Path) -> dict[str, Any]:
-        mission.close_journal()
+        try:
+            mission.close_journal()
+        except RobotError as error:
+            log.error("the end of the recording is lost: %s", error)  # the map need not be
         return write_run(directory, self._annotate(self._result(mission)))
 
-    async def snapshot(self) -> RunResult:
-        """The run under way as if it ended now."""
+    def _tell_unsaved(self, mission: Mission, error: RobotError) -> None:
+        log.error("run '%s' is not saved: %s", mission.name, error)
+        self.save_error = error
+        self.last_summary = {
+            "name": mission.name,
+            "state": str(MissionState.FAILED),
+            "reason": f"not saved: {error}",
+        }
+
+    async def snapshot(self, use: Callable[[RunResult], T]) -> T:
+        """What `use` makes of the run under way, as if it ended now; in the survey worker.
+
+        There, because nowhere else does the grid stand still.
+        """
         mission = self.mission
         if mission is None:
             raise StateError("no run is under way")
-        return await self._in_survey_worker(lambda: self._result(mission))
+        return await self._in_survey_worker(lambda: use(self._result(mission)))
 
     def _result(self, mission: Mission) -> RunResult:
         is_over = mission.state.is_over
@@ -178,13 +214,17 @@ class Robot:
     def stop_motors(self, reason: str) -> None:
         """Zero at once, latched; a run pauses."""
         self.pilot.stop_now()
+        self._stops += 1
         self.stop_latch.set(reason)
         if self.mission is not None:
             self.mission.pause()
 
     async def release_motors(self) -> None:
         """Clear the latch and re-arm the microcontroller; a run stays paused."""
+        stops = self._stops
         await self.pipeline.motors.rearm()
+        if self._stops != stops:
+            raise StateError("clear: stopped again meanwhile; nothing is released")
         self.stop_latch.clear()
         self.pilot.release()
 
@@ -216,7 +256,10 @@ class Robot:
             self.health.roll(now_s)
             mission = self.mission
             if mission is not None and not mission.state.is_over:
-                await loop.run_in_executor(self._journal_worker, mission.journal.flush)
+                try:
+                    await loop.run_in_executor(self._journal_worker, mission.journal.flush)
+                except RobotError as error:
+                    mission.stop(str(error), failed=True)
                 self._check_battery(mission)
                 log.info("%s", self.health.line(now_s))
             if "motors" in self.pipeline.missing:

@@ -54,7 +54,11 @@ class JournalWriter:
         """Create (or replace) the file and write the header at once."""
         self._pending: deque[Message | bytes] = deque()
         self._flushing = threading.Lock()
-        self._file = path.open("wb", buffering=0)
+        self._unwritten = bytearray()
+        try:
+            self._file = path.open("wb", buffering=0)
+        except OSError as error:
+            raise InputError(f"{path}: cannot be written: {error.strerror}") from None
         self._pending.append(MAGIC + encode_header(header))
         self.flush()
 
@@ -66,15 +70,28 @@ class JournalWriter:
         self._pending.append(encode_message(message) if isinstance(message, Mark) else message)
 
     def flush(self) -> None:
-        """Encode and write what is queued, and wait until the disk has it."""
+        """Encode and write what is queued, and wait until the disk has it.
+
+        Raises
+        ------
+        InputError
+            When the disk is full or broken; what is not written yet stays queued.
+        """
         with self._flushing:
-            records = []
+            unwritten = self._unwritten
             while self._pending:
                 record = self._pending.popleft()
-                records.append(record if isinstance(record, bytes) else encode_message(record))
-            if records:
-                _write_all(self._file.fileno(), b"".join(records))
+                unwritten += record if isinstance(record, bytes) else encode_message(record)
+            if not unwritten:
+                return
+            try:
+                while unwritten:
+                    del unwritten[: os.write(self._file.fileno(), unwritten)]
                 os.fsync(self._file.fileno())
+            except OSError as error:
+                raise InputError(
+                    f"{self._file.name}: the recording cannot be written: {error.strerror}"
+                ) from None
 
     def close(self) -> None:
         """Flush and close; may be called again."""
@@ -94,12 +111,6 @@ class JournalWriter:
         traceback: TracebackType | None,
     ) -> None:
         self.close()
-
-
-def _write_all(descriptor: int, data: bytes) -> None:
-    view = memoryview(data)
-    while view:
-        view = view[os.write(descriptor, view) :]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -35,6 +35,8 @@ _TUM_WORDS = 8
 def prepare_directory(path: Path) -> None:
     """Make `path` a directory that can be written; before the long work, so that none is lost.
 
+    A summary of an earlier run goes: where one is, all the files beside it are of its run.
+
     Raises
     ------
     InputError
@@ -45,6 +47,7 @@ def prepare_directory(path: Path) -> None:
         probe = path / f".probe.{os.getpid()}"
         probe.write_bytes(b"")
         probe.unlink()
+        (path / SUMMARY).unlink(missing_ok=True)
     except (FileExistsError, NotADirectoryError):
         raise InputError(f"{path}: is a file, not a directory; choose another --out") from None
     except OSError as error:

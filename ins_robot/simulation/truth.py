@@ -7,6 +7,8 @@ metrics of summary.json. Map and world differ by the start pose alone: nothing i
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
@@ -30,7 +32,7 @@ def metrics(
     map_from_base: FloatArray,
     true_map_from_base: FloatArray,
 ) -> dict[str, float]:
-    """The truth's part of summary.json; values that do not exist (no map) are left out.
+    """The truth's part of summary.json; NaN for what does not exist (no map, no way).
 
     Parameters
     ----------
@@ -45,6 +47,9 @@ def metrics(
         "coverage": round(coverage(optics.seen.is_seen(), visible), 4),
         "collisions": body.collisions,
         "true_path_length_m": round(body.path_length_m, 3),
+        "wall_error_m": math.nan,
+        "localization_rmse_m": math.nan,
+        "heading_rmse_deg": math.nan,
     }
     if grid.is_occupied.any():
         found["wall_error_m"] = round(wall_error_m(world, start, grid), 4)

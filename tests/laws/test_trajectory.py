@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: MIT
 """Laws of the corrected trajectory: it follows the anchors, in whatever frames."""
 
+import threading
+
 import numpy as np
 import pytest
 
@@ -143,3 +145,24 @@ def test_time_that_goes_back_is_refused():
     recorder.add(1.0, Pose2(1.0))
     with pytest.raises(ValueError, match="after"):
         recorder.add(0.999, Pose2())
+
+
+def test_a_trajectory_may_grow_while_another_thread_reads_it() -> None:
+    recorder = TrajectoryRecorder()
+    for i in range(100_000):
+        recorder.add(0.1 * i, Pose2())
+    is_over = threading.Event()
+
+    def read() -> None:
+        while not is_over.is_set():
+            recorder.odometry()
+
+    reader = threading.Thread(target=read)
+    reader.start()
+    try:
+        for i in range(20_000):
+            recorder.add(1e6 + i, Pose2())
+    finally:
+        is_over.set()
+        reader.join()
+    assert len(recorder) == 120_000

@@ -13,7 +13,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ins_robot.cli.commands.simulate import parse_start
+from ins_robot.cli.commands.simulate import check_seed, parse_start
 from ins_robot.cli.config_source import add_config_argument, add_set_argument, load_config
 
 if TYPE_CHECKING:
@@ -56,6 +56,7 @@ def run(args: argparse.Namespace) -> int:
     from ins_robot.simulation.harness import SimulatedRobot
     from ins_robot.simulation.world import World
 
+    check_seed(args.seed)
     config = load_config(args)
     world = World.find(args.world)
     start = world.start_pose(parse_start(args.start), config.robot.radius_m)

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import math
 import sys
 from pathlib import Path
@@ -49,12 +48,11 @@ def run(args: argparse.Namespace) -> int:
     from dataclasses import replace
 
     from ins_robot.daemon.logging_setup import set_up
-    from ins_robot.logs.run_directory import prepare_directory
+    from ins_robot.logs.run_directory import json_bytes, prepare_directory
     from ins_robot.simulation.virtual_clock import run_virtual
     from ins_robot.simulation.world import World
 
-    if args.seed < 0:
-        raise InputError(f"--seed {args.seed}: must be 0 or more")
+    check_seed(args.seed)
     config = load_config(args)
     config = replace(config, slam=replace(config.slam, seed=args.seed))
     world = World.find(args.world)
@@ -63,7 +61,7 @@ def run(args: argparse.Namespace) -> int:
     set_up("warning")
     summary = run_virtual(_simulate(config, world, start, args.seed, args.out))
     if args.json:
-        print(json.dumps(summary, indent=1))
+        print(json_bytes(summary).decode(), end="")
     else:
         print(describe(summary, args.out))
     return 0 if summary["state"] != "failed" else 1
@@ -84,6 +82,8 @@ async def _simulate(
     robot.supervisor.add_task("simulator", lambda: simulated.pump(connector))
     robot.supervisor.add_task("director", lambda: _direct(robot, directory))
     await robot.serve()
+    if robot.save_error is not None:
+        raise robot.save_error
     assert robot.last_summary is not None
     return robot.last_summary
 
@@ -114,6 +114,12 @@ async def _direct(robot: Any, directory: Path) -> None:
     if is_terminal:
         print(file=sys.stderr)
     robot.supervisor.shut_down("the run is over")
+
+
+def check_seed(seed: int) -> None:
+    """Refuse a seed that no generator takes."""
+    if seed < 0:
+        raise InputError(f"--seed {seed}: must be 0 or more")
 
 
 def parse_start(text: str | None) -> Pose2 | None:
