@@ -140,7 +140,8 @@ class Explorer:
         self._learn_from_last_scan(scene)
         self._identify_neighbours(scene)
         self._ledger.update(scene)
-        while (choice := self._choose(scene)) is not None:
+        costs_m = self.graph.costs_from(len(self.graph) - 1)
+        while (choice := self._choose(scene, costs_m)) is not None:
             drive = self._drive_to(scene, *choice)
             if drive is not None:
                 return drive
@@ -208,15 +209,14 @@ class Explorer:
             is_seen=is_seen,
         )
 
-    def _choose(self, scene: Scene) -> Candidate | None:
+    def _choose(self, scene: Scene, costs_m: FloatArray) -> Candidate | None:
         """The strategy's gap, given what it costs to get to each node."""
-        current = len(self.graph) - 1
         return self._strategy.choose(
             Situation(
                 graph=self.graph,
-                current=current,
+                current=len(self.graph) - 1,
                 candidates=self._ledger.candidates(scene),
-                costs_m=self.graph.costs_from(current),
+                costs_m=costs_m,
             )
         )
 

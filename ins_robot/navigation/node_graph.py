@@ -14,7 +14,6 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
 
 from ins_robot.errors import StateError
@@ -92,6 +91,7 @@ class NodeGraph:
 
     def __init__(self) -> None:
         self.nodes: list[Node] = []
+        self._edges_m = np.zeros((64, 64))  # 0: no edge
 
     def __len__(self) -> int:
         return len(self.nodes)
@@ -101,12 +101,17 @@ class NodeGraph:
         if node.index != len(self.nodes):
             raise StateError(f"node {node.id}: index {node.index}, next is {len(self.nodes)}")
         self.nodes.append(node)
+        if len(self.nodes) > len(self._edges_m):
+            grown = np.zeros((2 * len(self._edges_m),) * 2)
+            grown[: len(self._edges_m), : len(self._edges_m)] = self._edges_m
+            self._edges_m = grown
 
     def link(self, a: int, b: int, cost_m: float) -> None:
         """Make two nodes neighbours; the cheaper of two known ways counts."""
         cost_m = max(cost_m, EDGE_COST_MIN_M)
         self.nodes[a].neighbours[b] = min(cost_m, self.nodes[a].neighbours.get(b, math.inf))
         self.nodes[b].neighbours[a] = self.nodes[a].neighbours[b]
+        self._edges_m[a, b] = self._edges_m[b, a] = self.nodes[a].neighbours[b]
 
     def positions_m(self) -> FloatArray:
         """(K, 2) map frame."""
@@ -136,15 +141,9 @@ class NodeGraph:
         return nodes[::-1]
 
     def _dijkstra(self, index: int) -> tuple[FloatArray, np.ndarray]:
-        edges = [
-            (node.index, other, cost)
-            for node in self.nodes
-            for other, cost in node.neighbours.items()
-        ]
         count = len(self.nodes)
-        rows, cols, costs = zip(*edges, strict=True) if edges else ((), (), ())
-        matrix = csr_matrix((costs, (rows, cols)), shape=(count, count))
-        distance, before = dijkstra(matrix, indices=index, return_predecessors=True)
+        edges = self._edges_m[:count, :count]
+        distance, before = dijkstra(edges, indices=index, return_predecessors=True)
         return distance, before
 
     def gaps(self) -> Iterator[tuple[Node, Gap]]:

@@ -132,8 +132,10 @@ def _best(
     score = np.hypot(*(points - look.centroid_m).T)
     score += WALL_WEIGHT * np.clip(wanted - terrain.clearance_m[at], 0.0, None)
     score += COST_WEIGHT * terrain.cost_m[at]
-    if len(look.used_m):
-        away = points[:, None] - look.used_m[None]
+    middle, reach = points.mean(axis=0), np.hypot(*np.ptp(points, axis=0)) + USED_M
+    used = look.used_m[np.hypot(*(look.used_m - middle).T) < reach]
+    if len(used):
+        away = points[:, None] - used[None]
         score += USED_PENALTY_M * (np.hypot(away[..., 0], away[..., 1]).min(axis=1) < USED_M)
     order = np.argsort(score, kind="stable")
     if len(order) > PLACES:  # the best third, and the rest drawn evenly
