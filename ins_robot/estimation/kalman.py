@@ -51,6 +51,16 @@ class MotionNoise:
     gyro_std_radps: float
 
 
+# Correlations dropped at each step: all of the pose's but those with the velocity, which last a
+# few steps, and the one of heading and field's bearing, which the compass lives on.
+_FORGOTTEN = (
+    (State.POSITION, State.HEADING),
+    (State.POSITION, State.GYRO_BIAS),
+    (State.POSITION, State.FIELD_BEARING),
+    (State.HEADING, State.GYRO_BIAS),
+    (State.FIELD_BEARING, slice(State.VX, State.FIELD_BEARING)),
+)
+
 _WHEELS_H = np.zeros((3, State.SIZE))
 _WHEELS_H[0, State.VX] = _WHEELS_H[1, State.VY] = _WHEELS_H[2, State.YAW_RATE] = 1.0
 _GYRO_H = np.zeros((1, State.SIZE))
@@ -105,6 +115,7 @@ class CentralKalman:
     def predict(self, dt_s: float) -> None:
         """Move the estimate on by `dt_s` seconds at its velocity."""
         ekf, config = self._ekf, self._config
+        self._forget_the_way()
         heading, vx, vy, omega = ekf.x[State.HEADING : State.GYRO_BIAS].tolist()
         # Mid-point rule: on average over an interval the base is half-way through its turn.
         middle = heading + 0.5 * omega * dt_s
@@ -130,6 +141,18 @@ class CentralKalman:
         ekf.Q = Q
         self._dt_s = dt_s
         ekf.predict()
+
+    def _forget_the_way(self) -> None:
+        """Let what is learnt from now on move the pose by this interval's motion only.
+
+        Kept, the correlations would let a robot at rest, learning its gyro's bias, slide along
+        the whole way behind it: right on average, but `odom` must be continuous, and what was
+        driven long ago is SLAM's to correct.
+        """
+        P = self._ekf.P
+        for first, second in _FORGOTTEN:
+            P[first, second] = 0.0
+            P[second, first] = 0.0
 
     def _move(self, _command: float = 0.0) -> None:
         """Non-linear part of the prediction: x <- f(x)."""

@@ -140,3 +140,23 @@ def test_nan_is_refused() -> None:
     kalman.predict(DT)
     with pytest.raises(StateError, match="no longer finite"):
         kalman.update_wheels(math.nan, 0.0, 0.0, NOISE)
+
+
+def test_a_robot_at_rest_that_learns_its_bias_does_not_slide_along_its_way() -> None:
+    """After a drive with a wrong gyro bias, standing still tells the bias and moves nothing."""
+    kalman = CentralKalman(KalmanConfig())
+    kalman.reset(gyro_bias_radps=0.0, gyro_bias_std_radps=0.02)
+    driving = MotionNoise(wheel_std_mps=0.01, wheel_yaw_std_radps=0.05, gyro_std_radps=0.002)
+    resting = MotionNoise(wheel_std_mps=1e-4, wheel_yaw_std_radps=1e-4, gyro_std_radps=0.002)
+    for _ in range(2000):
+        kalman.predict(0.02)
+        kalman.update_wheels(0.2, 0.0, 0.0, driving, gyro_radps=0.005)
+    for _ in range(5):  # the last of the motion
+        kalman.predict(0.02)
+        kalman.update_wheels(0.0, 0.0, 0.0, resting, gyro_radps=0.005)
+    stopped = kalman.state[State.POSE].copy()
+    for _ in range(500):
+        kalman.predict(0.02)
+        kalman.update_wheels(0.0, 0.0, 0.0, resting, gyro_radps=0.005)
+    assert kalman.state[State.GYRO_BIAS] == pytest.approx(0.005, abs=2e-4)
+    assert np.abs(kalman.state[State.POSE] - stopped).max() < 1e-4
