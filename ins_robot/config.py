@@ -392,6 +392,10 @@ def _check_across(config: Config) -> None:
             f"lrf: range_min_m = {lrf.range_min_m:g} < range_trusted_m = "
             f"{lrf.range_trusted_m:g} <= range_max_m = {lrf.range_max_m:g} must hold"
         )
+    if lrf.port == wheels.port:
+        raise ConfigError(
+            f'lrf.port and wheels.port are both "{lrf.port}": two devices need two lines'
+        )
     for name in ("angles_deg", "signs"):
         values = getattr(wheels, name)
         if len(values) != 3:  # noqa: PLR2004 - three omni wheels is what this base is

@@ -3,12 +3,14 @@
 
 import asyncio
 import json
+import os
 import threading
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 
 import pytest
 
+from ins_robot.cli.commands.emulate import check_config_out
 from ins_robot.cli.main import main
 from ins_robot.config import load
 from ins_robot.core.run_core import RunCore
@@ -231,3 +233,30 @@ def test_a_recording_that_cannot_be_opened_is_one_line(
     assert "run.journal: cannot be written" in capsys.readouterr().err
     assert main(["emulate", "--config-out", str(tmp_path / "c.toml"), "--seed", "-1"]) == 1
     assert "--seed -1" in capsys.readouterr().err
+
+
+def test_what_is_no_file_is_not_replaced_by_a_configuration(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(InputError, match="no regular file"):
+        check_config_out(tmp_path / "pipe")
+    check_config_out(tmp_path / "new.toml")
+
+
+def test_two_devices_on_one_line_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    same = "wheels.port=/dev/ins-lrf"
+    assert main(["simulate", "open_room", "--out", "unused", "--set", same]) == 1
+    assert "two devices need two lines" in capsys.readouterr().err
+
+
+def test_the_seed_of_the_configuration_counts(tmp_path: Path) -> None:
+    short = ["simulate", "open_room", "--set", "exploration.max_scans=1"]
+    for name, *words in [
+        ("asked", "--seed", "7"),
+        ("set", "--set", "slam.seed=7"),
+        ("default",),
+    ]:
+        assert main([*short, "--out", str(tmp_path / name), *words]) == 0
+    asked, configured, default = (
+        (tmp_path / name / "graph.json").read_bytes() for name in ("asked", "set", "default")
+    )
+    assert asked == configured != default

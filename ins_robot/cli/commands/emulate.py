@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 from ins_robot.cli.commands.simulate import check_seed, parse_start
 from ins_robot.cli.config_source import add_config_argument, add_set_argument, load_config
+from ins_robot.errors import InputError
 
 if TYPE_CHECKING:
     from ins_robot.config import Config
@@ -57,6 +58,7 @@ def run(args: argparse.Namespace) -> int:
     from ins_robot.simulation.world import World
 
     check_seed(args.seed)
+    check_config_out(args.config_out)
     config = load_config(args)
     world = World.find(args.world)
     start = world.start_pose(parse_start(args.start), config.robot.radius_m)
@@ -72,6 +74,12 @@ def run(args: argparse.Namespace) -> int:
         )
     args.config_out.unlink(missing_ok=True)
     return 0
+
+
+def check_config_out(path: Path) -> None:
+    """Refuse what is no regular file: it would be replaced by one, and removed at the end."""
+    if path.exists() and not path.is_file():
+        raise InputError(f"--config-out {path}: is there and no regular file; name another")
 
 
 def emulated_config(config: Config, lines: Path, config_out: Path) -> Config:

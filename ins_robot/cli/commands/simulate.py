@@ -33,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--out", metavar="DIR", type=Path, required=True, help="where the files go"
     )
     parser.add_argument(
-        "--seed", metavar="N", type=int, default=0, help="of all noise (default 0)"
+        "--seed", metavar="N", type=int, help="of all noise (default: slam.seed, which is 0)"
     )
     parser.add_argument(
         "--start", metavar="X,Y[,DEG]", help="start pose in the world, metres and degrees"
@@ -52,14 +52,15 @@ def run(args: argparse.Namespace) -> int:
     from ins_robot.simulation.virtual_clock import run_virtual
     from ins_robot.simulation.world import World
 
-    check_seed(args.seed)
     config = load_config(args)
-    config = replace(config, slam=replace(config.slam, seed=args.seed))
+    if args.seed is not None:
+        check_seed(args.seed)
+        config = replace(config, slam=replace(config.slam, seed=args.seed))
     world = World.find(args.world)
     start = world.start_pose(parse_start(args.start), config.robot.radius_m)
     prepare_directory(args.out)
     set_up("warning")
-    summary = run_virtual(_simulate(config, world, start, args.seed, args.out))
+    summary = run_virtual(_simulate(config, world, start, args.out))
     if args.json:
         print(json_bytes(summary).decode(), end="")
     else:
@@ -68,7 +69,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 async def _simulate(
-    config: Config, world: Any, start: Pose2, seed: int, directory: Path
+    config: Config, world: Any, start: Pose2, directory: Path
 ) -> dict[str, Any]:
     import asyncio
 
@@ -76,7 +77,7 @@ async def _simulate(
     from ins_robot.simulation.harness import SimulatedRobot
 
     clock = asyncio.get_running_loop().time
-    simulated = SimulatedRobot(config, world, start, seed)
+    simulated = SimulatedRobot(config, world, start, config.slam.seed)
     connector = simulated.memory_connector(clock)
     robot = Robot(config, connector, clock_kind="virtual", annotate=simulated.annotate)
     robot.supervisor.add_task("simulator", lambda: simulated.pump(connector))
