@@ -202,7 +202,7 @@ class RunCore:
             name=name,
             state=state,
             reason=reason,
-            grid=slam.grid,
+            grid=self.survey.grid,
             stamps_s=stamps_s,
             map_from_base=map_from_base,
             graph=self.survey.explorer.as_json(),

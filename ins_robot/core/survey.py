@@ -17,6 +17,7 @@ import numpy as np
 from ins_robot.config import Config
 from ins_robot.estimation.slam import Slam
 from ins_robot.geometry.pose2 import Pose2
+from ins_robot.mapping.occupancy_grid import OccupancyGrid
 from ins_robot.messages import LaserScan, MotionIncrement, PoseEstimate
 from ins_robot.navigation.explorer import Drive, Explorer, Finished
 
@@ -48,6 +49,7 @@ class Survey:
         base_from_lrf = Pose2(lrf.x_m, lrf.y_m, 0.0)  # the driver has applied the yaw
         self.slam = Slam(config.slam, config.map, base_from_lrf, rng)
         self.explorer = Explorer(config.exploration, config.robot, lrf)
+        self.grid: OccupancyGrid = self.slam.grid
         self.slam_ms: list[float] = []
         self.ins_ms = 0.0
         self._timer_s = timer_s
@@ -65,7 +67,7 @@ class Survey:
         self.explorer.observe(
             node.id, node.stamp_s, node.pose, scan, (sector.centre_rad, sector.half_width_rad)
         )
-        decision = self.explorer.decide(self.slam.pose, self.slam.grid)
+        decision = self.explorer.decide(self.slam.pose, self.grid)
         self.ins_ms += 1e3 * (self._timer_s() - begun_s)
         return estimate, decision
 
@@ -82,7 +84,7 @@ class Survey:
         """Decide again on the map as it is now, for the robot at `pose`."""
         begun_s = self._timer_s()
         self._follow_corrections()
-        decision = self.explorer.decide(pose, self.slam.grid)
+        decision = self.explorer.decide(pose, self.grid)
         self.ins_ms += 1e3 * (self._timer_s() - begun_s)
         return decision
 
@@ -91,6 +93,8 @@ class Survey:
     ) -> PoseEstimate:
         begun_s = self._timer_s()
         estimate = self.slam.step(scan, motion, is_node)
+        # Drawn now, once a step: when it is asked for later must not change the map.
+        self.grid = self.slam.grid
         self.slam_ms.append(1e3 * (self._timer_s() - begun_s))
         return estimate
 

@@ -276,7 +276,7 @@ class Mission:
         return outcome
 
     def _surroundings(self) -> Surroundings:
-        grid = self.core.survey.slam.grid
+        grid = self.core.survey.grid
         x_m, y_m = grid.origin_m
         return Surroundings(grid.distance_m(), (float(x_m), float(y_m)), grid.resolution_m)
 

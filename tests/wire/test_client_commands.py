@@ -137,9 +137,18 @@ def test_a_picture_is_not_sent_to_a_terminal(robot: FakeRobot) -> None:
     assert robot.calls == []
 
 
-def test_map_to_a_device_leaves_the_device_there(robot: FakeRobot) -> None:
-    assert main(["map", "-o", os.devnull]) == 0
-    assert Path(os.devnull).is_char_device()
+def test_map_to_a_pipe_is_written_into_it_and_leaves_it_there(
+    robot: FakeRobot, tmp_path: Path
+) -> None:
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
+    try:
+        assert main(["map", "-o", str(pipe)]) == 0
+        assert os.read(reader, 4).startswith(b"\x89PNG")
+    finally:
+        os.close(reader)
+    assert pipe.is_fifo()
 
 
 def test_a_map_that_cannot_be_written_is_one_clear_error(
