@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import importlib
 import os
+import re
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -55,7 +56,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code."""
     # Small matrices only: more BLAS threads cost time, and most on a Pi.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    arguments = sys.argv[1:] if argv is None else list(argv)
+    arguments = with_values(sys.argv[1:] if argv is None else argv)
     try:
         code = _run(arguments)
         sys.stdout.flush()
@@ -73,6 +74,17 @@ def main(argv: Sequence[str] | None = None) -> int:
             raise  # no file named: nothing the user could act on, so keep the traceback
         return _report(f"{error.filename}: {error.strerror}")
     return code
+
+
+def with_values(words: Sequence[str]) -> list[str]:
+    """The words with `--start -1,2` as `--start=-1,2`: argparse takes -1,2 for an option."""
+    joined: list[str] = []
+    for word in words:
+        if re.match(r"-[\d.]", word) and joined and re.fullmatch(r"--[\w-]+", joined[-1]):
+            joined[-1] += f"={word}"
+        else:
+            joined.append(word)
+    return joined
 
 
 def _run(arguments: Sequence[str]) -> int:

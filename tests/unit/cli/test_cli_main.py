@@ -15,7 +15,7 @@ import pytest
 
 import ins_robot
 from ins_robot.cli.config_source import ENVIRONMENT_VARIABLE, find_config, load_config
-from ins_robot.cli.main import COMMANDS, main
+from ins_robot.cli.main import COMMANDS, main, with_values
 from ins_robot.config import Config, load, reference_toml
 from ins_robot.errors import DeviceError, RobotError
 
@@ -207,3 +207,9 @@ def test_printed_configurations_read_back_equal(
     assert reference == reference_toml()
     printed.write_text(reference)
     assert load(printed) == Config()
+
+
+def test_a_value_may_begin_with_a_minus() -> None:
+    words = ["simulate", "rooms", "--start", "-1.5,2", "--json", "--seed", "-1", "-o", "-x"]
+    joined = ["simulate", "rooms", "--start=-1.5,2", "--json", "--seed=-1", "-o", "-x"]
+    assert with_values(words) == joined
