@@ -87,7 +87,9 @@ class CollisionGuard:
         for scale in SCALES:
             ahead_m = self._stopping_m(scale * pace * speed)
             there_m = known.clearance_m(pose.x_m + ux * ahead_m, pose.y_m + uy * ahead_m)
-            if there_m >= min(self._keep_m, here_m):
+            # At a crawl the margin may be used up: what the planner chose must let us through.
+            is_crawl = scale * pace * speed <= CREEP_MPS
+            if there_m >= min(self._radius_m if is_crawl else self._keep_m, here_m):
                 return _scaled(wanted, scale * pace), scale < 1.0
         return VelocityCommand(yaw_rate_radps=wanted.yaw_rate_radps), True
 

@@ -8,12 +8,12 @@ from typing import Any
 
 from ins_robot import __version__
 from ins_robot.core.run_result import RunResult
+from ins_robot.daemon.drawing import draw_elsewhere
 from ins_robot.daemon.run_store import RunStore
 from ins_robot.daemon.runtime import Robot, mission_state
 from ins_robot.errors import StateError
 from ins_robot.logs.run_directory import MAP_PGM, MAP_PNG, MAP_YAML, MARGIN_CELLS, picture_of
 from ins_robot.mapping.map_files import TernaryMap, pgm_bytes, yaml_text
-from ins_robot.mapping.map_picture import png_bytes
 
 FILES = {"png": MAP_PNG, "pgm": MAP_PGM, "yaml": MAP_YAML}
 
@@ -105,7 +105,10 @@ class DaemonCommands:
             if path is None:
                 raise StateError("no map yet: `ins-robot start` makes one")
             return path.read_bytes()
-        return await self._robot.snapshot(lambda result: _drawn(result, format))
+        if format == "png":
+            picture = await self._robot.snapshot(picture_of)
+            return await asyncio.to_thread(draw_elsewhere, picture)
+        return await self._robot.snapshot(lambda result: _encoded(result, format))
 
     async def runs(self) -> list[dict[str, Any]]:
         """All recorded runs."""
@@ -124,9 +127,7 @@ class DaemonCommands:
         return self._robot.mission
 
 
-def _drawn(result: RunResult, format: str) -> bytes:
-    """The map of a run in one of the formats."""
-    if format == "png":
-        return png_bytes(picture_of(result))
+def _encoded(result: RunResult, format: str) -> bytes:
+    """The map of a run as PGM or YAML."""
     ternary = TernaryMap.of(result.grid).cropped(MARGIN_CELLS)
     return pgm_bytes(ternary) if format == "pgm" else yaml_text(ternary, MAP_PGM).encode()

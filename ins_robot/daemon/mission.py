@@ -115,7 +115,7 @@ class Mission:
         try:
             await self._run_method()
         except asyncio.CancelledError:
-            self._end(MissionState.STOPPED, "the daemon was shut down")
+            self._end(MissionState.STOPPED, "ended from outside")
             raise
         finally:
             self._end(MissionState.FAILED, "internal error in the daemon; see its log")

@@ -21,6 +21,7 @@ from ins_robot import __version__
 from ins_robot.config import Config, to_toml
 from ins_robot.core.run_core import RunCore
 from ins_robot.core.run_result import RunResult, RunState
+from ins_robot.daemon.drawing import draw_elsewhere
 from ins_robot.daemon.health import Health
 from ins_robot.daemon.mission import Mission, MissionState
 from ins_robot.daemon.pilot import Pilot
@@ -31,6 +32,7 @@ from ins_robot.errors import RobotError, StateError
 from ins_robot.logs.journal import JOURNAL_NAME, JournalHeader, JournalWriter
 from ins_robot.logs.memory import peak_rss_mb
 from ins_robot.logs.run_directory import write_run
+from ins_robot.mapping.map_picture import MapPicture
 from ins_robot.sensing.ports import Connector
 
 log = logging.getLogger(__name__)
@@ -51,6 +53,8 @@ class Robot:
         Opens the config's ports: the system's, or the simulator's.
     clock_kind : "monotonic" or "virtual"
         Written into the recordings.
+    draw : callable
+        Turns the picture of a finished run into PNG bytes; by default in a process of its own.
     annotate : callable
         May add to a finished run's result before it is saved (the simulator knows the truth).
     """
@@ -63,11 +67,13 @@ class Robot:
         clock_kind: str = "monotonic",
         notifier: SystemdNotifier | None = None,
         annotate: Annotate = lambda result: result,
+        draw: Callable[[MapPicture], bytes] = draw_elsewhere,
     ) -> None:
         self.config = config
         self._clock = asyncio.get_running_loop().time
         self._clock_kind = clock_kind
         self._annotate = annotate
+        self._draw = draw
         self._notifier = notifier or SystemdNotifier(None)
         self.health = Health(self._clock())
         self.supervisor = Supervisor()
@@ -173,7 +179,7 @@ class Robot:
             mission.close_journal()
         except RobotError as error:
             log.error("the end of the recording is lost: %s", error)  # the map need not be
-        return write_run(directory, self._annotate(self._result(mission)))
+        return write_run(directory, self._annotate(self._result(mission)), self._draw)
 
     def _tell_unsaved(self, mission: Mission, error: RobotError) -> None:
         log.error("run '%s' is not saved: %s", mission.name, error)

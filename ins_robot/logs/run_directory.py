@@ -11,6 +11,7 @@ import io
 import json
 import math
 import os
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -54,12 +55,14 @@ def prepare_directory(path: Path) -> None:
         raise InputError(f"{path}: cannot be written: {error.strerror}") from None
 
 
-def write_run(directory: Path, result: RunResult) -> dict[str, Any]:
+def write_run(
+    directory: Path, result: RunResult, draw: Callable[[MapPicture], bytes] = png_bytes
+) -> dict[str, Any]:
     """Write all files of the run except the recording; the summary is returned."""
     ternary = TernaryMap.of(result.grid).cropped(MARGIN_CELLS)
     write_atomically(directory / MAP_PGM, pgm_bytes(ternary))
     write_atomically(directory / MAP_YAML, yaml_text(ternary, MAP_PGM).encode())
-    write_atomically(directory / MAP_PNG, png_bytes(picture_of(result)))
+    write_atomically(directory / MAP_PNG, draw(picture_of(result)))
     write_atomically(directory / TRAJECTORY, tum_bytes(result.stamps_s, result.map_from_base))
     if result.true_map_from_base is not None:
         truth = tum_bytes(result.stamps_s, result.true_map_from_base)
@@ -144,7 +147,7 @@ def picture_of(result: RunResult) -> MapPicture:
         f"{_minutes(result.duration_s)}; {result.reason}"
     )
     return MapPicture(
-        grid=result.grid,
+        grid=TernaryMap.of(result.grid),
         way_m=poses[:, :2],
         nodes_m=np.array([[node["x_m"], node["y_m"]] for node in nodes]).reshape(-1, 2),
         gaps=gaps,

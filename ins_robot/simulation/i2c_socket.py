@@ -78,8 +78,8 @@ class I2cSocketServer:
                 reply = self._answer(await reader.readexactly(length))
                 writer.write(LENGTH.pack(len(reply)) + reply)
                 await writer.drain()
-        except (asyncio.IncompleteReadError, ConnectionError):
-            pass  # the client has gone
+        except (asyncio.IncompleteReadError, ConnectionError, asyncio.CancelledError):
+            pass  # the client has gone, or we are
         finally:
             self._writers.discard(writer)
             writer.close()

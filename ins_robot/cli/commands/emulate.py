@@ -13,13 +13,15 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ins_robot.cli.commands.simulate import check_seed, parse_start
+from ins_robot.cli.commands.simulate import add_start_argument, check_seed, parse_start
 from ins_robot.cli.config_source import add_config_argument, add_set_argument, load_config
 from ins_robot.errors import InputError
 
 if TYPE_CHECKING:
     from ins_robot.config import Config
     from ins_robot.simulation.harness import SimulatedRobot
+
+HEADER = "# Written by `ins-robot emulate`; good while it runs.\n\n"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -41,9 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--seed", metavar="N", type=int, default=0, help="of all noise (default 0)"
     )
-    parser.add_argument(
-        "--start", metavar="X,Y[,DEG]", help="start pose in the world, metres and degrees"
-    )
+    add_start_argument(parser)
     add_set_argument(parser)
     add_config_argument(parser)
 
@@ -72,14 +72,17 @@ def run(args: argparse.Namespace) -> int:
                 args.config_out,
             )
         )
-    args.config_out.unlink(missing_ok=True)
     return 0
 
 
 def check_config_out(path: Path) -> None:
-    """Refuse what is no regular file: it would be replaced by one, and removed at the end."""
-    if path.exists() and not path.is_file():
-        raise InputError(f"--config-out {path}: is there and no regular file; name another")
+    """Refuse to replace what this command has not written."""
+    if not path.exists():
+        return
+    if not path.is_file() or not path.read_bytes().startswith(HEADER.encode()):
+        raise InputError(
+            f"--config-out {path}: is there already, and not from `emulate`; name another file"
+        )
 
 
 def emulated_config(config: Config, lines: Path, config_out: Path) -> Config:
@@ -117,7 +120,7 @@ async def _serve(simulated: SimulatedRobot, config: Config, config_out: Path) ->
     await lrf.open()
     await motors.open()
     await imu.start()
-    write_atomically(config_out, to_toml(config).encode())
+    write_atomically(config_out, (HEADER + to_toml(config)).encode())
     print(f"lrf {config.lrf.port}  motors {config.wheels.port}  imu {config.imu.bus}")
     print(f"ready: INS_ROBOT_CONFIG={config_out} ins-robot daemon", flush=True)
     try:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import re
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -35,9 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--seed", metavar="N", type=int, help="of all noise (default: slam.seed, which is 0)"
     )
-    parser.add_argument(
-        "--start", metavar="X,Y[,DEG]", help="start pose in the world, metres and degrees"
-    )
+    add_start_argument(parser)
     parser.add_argument("--json", action="store_true", help="print summary.json on stdout")
     add_set_argument(parser)
     add_config_argument(parser)
@@ -60,7 +59,11 @@ def run(args: argparse.Namespace) -> int:
     start = world.start_pose(parse_start(args.start), config.robot.radius_m)
     prepare_directory(args.out)
     set_up("warning")
-    summary = run_virtual(_simulate(config, world, start, args.out))
+    try:
+        summary = run_virtual(_simulate(config, world, start, args.out))
+    except KeyboardInterrupt:
+        print(f"interrupted; what was mapped so far is in {args.out}", file=sys.stderr)
+        raise
     if args.json:
         print(json_bytes(summary).decode(), end="")
     else:
@@ -74,12 +77,15 @@ async def _simulate(
     import asyncio
 
     from ins_robot.daemon.runtime import Robot
+    from ins_robot.mapping.map_picture import png_bytes
     from ins_robot.simulation.harness import SimulatedRobot
 
     clock = asyncio.get_running_loop().time
     simulated = SimulatedRobot(config, world, start, config.slam.seed)
     connector = simulated.memory_connector(clock)
-    robot = Robot(config, connector, clock_kind="virtual", annotate=simulated.annotate)
+    robot = Robot(
+        config, connector, clock_kind="virtual", annotate=simulated.annotate, draw=png_bytes
+    )
     robot.supervisor.add_task("simulator", lambda: simulated.pump(connector))
     robot.supervisor.add_task("director", lambda: _direct(robot, directory))
     await robot.serve()
@@ -121,6 +127,16 @@ def check_seed(seed: int) -> None:
     """Refuse a seed that no generator takes."""
     if seed < 0:
         raise InputError(f"--seed {seed}: must be 0 or more")
+
+
+def add_start_argument(parser: argparse.ArgumentParser) -> None:
+    """Add `--start X,Y[,DEG]`."""
+    parser.add_argument(
+        "--start", metavar="X,Y[,DEG]", help="start pose in the world, metres and degrees"
+    )
+    # argparse takes "-5,2" for an option, since it is not a plain number; worlds have corners
+    # below zero.
+    parser._negative_number_matcher = re.compile(r"^-\d|^-\.\d")  # noqa: SLF001
 
 
 def parse_start(text: str | None) -> Pose2 | None:

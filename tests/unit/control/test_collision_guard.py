@@ -60,7 +60,7 @@ def test_a_live_point_stops_it_where_the_map_is_free() -> None:
     known = _wall_at_x(9.0)
     guard = CollisionGuard(CONFIG, RADIUS_M)
     guard.observe(Surroundings(known.distance_m, known.origin_m, 0.05, np.array([[1.3, 2.0]])))
-    v, limited = guard.apply(Pose2(1.09, 2.0, 0.0), VelocityCommand(vx_mps=0.2))
+    v, limited = guard.apply(Pose2(1.1, 2.0, 0.0), VelocityCommand(vx_mps=0.2))
     assert limited
     assert v.vx_mps == 0.0
 

@@ -1,0 +1,47 @@
+# SPDX-License-Identifier: MIT
+"""Draws the map's picture in a process of its own.
+
+Drawing holds the interpreter for longer than the motors' dead-man waits, and wants memory the
+daemon need not keep. `python -m ins_robot.daemon.drawing` reads a pickled `MapPicture` from our
+own pipe, never from outside, and answers with PNG bytes.
+"""
+
+from __future__ import annotations
+
+import pickle
+import subprocess
+import sys
+
+from ins_robot.errors import RobotError
+from ins_robot.mapping.map_picture import MapPicture, png_bytes
+
+TIMEOUT_S = 120.0
+
+
+def draw_elsewhere(picture: MapPicture) -> bytes:
+    """PNG bytes of `picture`; blocks the calling thread, not the interpreter.
+
+    Raises
+    ------
+    RobotError
+        When the process fails or takes too long.
+    """
+    command = [sys.executable, "-m", "ins_robot.daemon.drawing"]
+    try:
+        drawn = subprocess.run(
+            command,
+            input=pickle.dumps(picture),
+            capture_output=True,
+            timeout=TIMEOUT_S,
+            check=False,
+        )
+    except (OSError, subprocess.TimeoutExpired) as error:
+        raise RobotError(f"the picture of the map could not be drawn: {error}") from None
+    if drawn.returncode != 0:
+        why = drawn.stderr.decode(errors="replace").strip().splitlines()[-1:]
+        raise RobotError(f"the picture of the map could not be drawn: {' '.join(why)}")
+    return drawn.stdout
+
+
+if __name__ == "__main__":
+    sys.stdout.buffer.write(png_bytes(pickle.load(sys.stdin.buffer)))
