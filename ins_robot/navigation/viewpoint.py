@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The place to scan a gap from: reachable, near its centroid, and with a view of what is new.
+"""The place to scan a gap from: reachable, near its anchor, and with a view of what is new.
 
 Standing in the opening is best. Where the body does not fit, or must not reach into unseen
 ground, the nearest reachable place that looks in will do. Never right at a wall if there is
@@ -19,7 +19,7 @@ from ins_robot.mapping.ray_cast import cast_rays, cells_on_rays
 from ins_robot.navigation.sight import sees
 from ins_robot.navigation.terrain import BoolArray, IndexArray, Terrain
 
-NEAR_M = 1.2  # from the centroid, where the place is looked for first
+NEAR_M = 1.2  # from the anchor, where the place is looked for first
 PEEK_M = 4.0  # how far away a place may be that only looks in
 PEEK_RAYS = 120
 PEEK_TARGETS = 2  # targets from which such places are looked for
@@ -48,11 +48,12 @@ class Viewpoint:
 class Look:
     """A gap to be looked into, map frame.
 
-    `centroid_m` and `outward` (2,) are the gap's; `targets_m` (T, 2), T >= 1, is what the scan
+    `anchor_m` (2,) is where to stand if that can be: the centroid, or what is still unseen near
+    it; `outward` (2,) points through the gap. `targets_m` (T, 2), T >= 1, is what the scan
     should show; `used_m` (U, 2) are places where scans were taken or goals given up.
     """
 
-    centroid_m: FloatArray
+    anchor_m: FloatArray
     outward: FloatArray
     targets_m: FloatArray
     used_m: FloatArray
@@ -67,8 +68,8 @@ class Look:
 
 
 def near_viewpoint(terrain: Terrain, is_opaque: BoolArray, look: Look) -> Viewpoint | None:
-    """The reachable place nearest to the gap's centroid that looks into it."""
-    cell = _best(terrain, is_opaque, _places_around(terrain, look.centroid_m), look)
+    """The reachable place nearest to the anchor that looks into the gap."""
+    cell = _best(terrain, is_opaque, _places_around(terrain, look.anchor_m), look)
     if cell is None:
         return None
     return Viewpoint(cell=cell, heading_rad=_facing(terrain, cell, look))
@@ -123,13 +124,13 @@ def _places_in_view(terrain: Terrain, is_opaque: BoolArray, target_m: FloatArray
 def _best(
     terrain: Terrain, is_opaque: BoolArray, places: IndexArray, look: Look
 ) -> Cell | None:
-    """Of the places that see about as many targets as any, the one nearest to the centroid."""
+    """Of the places that see about as many targets as any, the one nearest to the anchor."""
     if len(places) == 0:
         return None
     points = terrain.grid.metres(places)
     at = places[:, 0], places[:, 1]
     wanted = terrain.body.radius_m + terrain.body.clearance_m + ROOM_M
-    score = np.hypot(*(points - look.centroid_m).T)
+    score = np.hypot(*(points - look.anchor_m).T)
     score += WALL_WEIGHT * np.clip(wanted - terrain.clearance_m[at], 0.0, None)
     score += COST_WEIGHT * terrain.cost_m[at]
     middle, reach = points.mean(axis=0), np.hypot(*np.ptp(points, axis=0)) + USED_M

@@ -75,4 +75,4 @@ def test_the_far_node_is_reached_over_such_a_link(world):
 
 
 def test_the_whole_run_is_shorter_than_with_backtrack(runs):
-    assert runs["min-gap"].robot.path_m < 0.9 * runs["backtrack"].robot.path_m
+    assert runs["min-gap"].robot.path_m < 0.95 * runs["backtrack"].robot.path_m
