@@ -174,9 +174,9 @@ def test_saving_in_real_time_disturbs_no_device(
 ) -> None:
     save, names = runtime.write_run, []
 
-    def slow(directory, result):
+    def slow(*saved):
         threading.Event().wait(0.3)  # fifteen telemetry frames come meanwhile
-        return save(directory, result)
+        return save(*saved)
 
     async def story(robot: Robot, simulated: SimulatedRobot) -> None:
         robot.begin(tmp_path, "real")
@@ -237,7 +237,7 @@ def test_a_recording_that_cannot_be_opened_is_one_line(
 
 def test_what_is_no_file_is_not_replaced_by_a_configuration(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")
-    with pytest.raises(InputError, match="no regular file"):
+    with pytest.raises(InputError, match="not from `emulate`"):
         check_config_out(tmp_path / "pipe")
     check_config_out(tmp_path / "new.toml")
 
