@@ -201,7 +201,6 @@ class KalmanConfig:
 class ControlConfig:
     """Following a path, and what limits it."""
 
-    rate_hz: float = option(50.0, "control ticks per second", at_least=10.0, at_most=200.0)
     cruise_mps: float = option(0.2, "speed on a free path", above=0.0, at_most=2.0)
     turn_radps: float = option(1.0, "fastest turn", above=0.0, at_most=6.0)
     accel_mps2: float = option(0.4, "fastest change of speed", above=0.0)
@@ -214,7 +213,6 @@ class ControlConfig:
     )
     position_tolerance_m: float = option(0.03, "arrived", above=0.0)
     heading_tolerance_deg: float = option(2.0, "arrived", above=0.0)
-    stale_pose_s: float = option(0.3, "no odometry for this long: command zero", above=0.0)
     guard: bool = option(True, "the collision guard has the last word")
     guard_margin_m: float = option(
         0.02, "clearance the guard keeps around the body", at_least=0.0

@@ -33,6 +33,7 @@ CALIBRATION_TIMEOUT_S = 60.0
 WATCH_PERIOD_S = 0.2  # how often a drive looks at its pose uncertainty
 ROOMY_M = 0.4  # with this much clearance `lrf.look_every_m` is taken as it is
 CRAMPED_SHARE = 0.35  # and no less than this share of it among obstacles
+RECONNECT_S = 3.0  # the supervisor has opened the LRF again by then, if it is there
 SETTLE_S = 0.2  # from the last command to standing still
 
 
@@ -227,6 +228,15 @@ class Mission:
         await self._survey(self.core.prepare_sweep())
 
     async def _collect(self, revolutions: int) -> None:
+        """So many steady revolutions; a line lost for a moment gets a second chance."""
+        try:
+            await self._collect_once(revolutions)
+        except DeviceError as error:
+            log.warning("%s: %s; once more", self.name, error)
+            await asyncio.sleep(RECONNECT_S)
+            await self._collect_once(revolutions)
+
+    async def _collect_once(self, revolutions: int) -> None:
         """Let the LRF turn until so many steady revolutions have come in."""
         lrf = self._config.lrf
         timeout_s = 2.0 * lrf.spin_up_timeout_s + 4.0 * revolutions * 60.0 / lrf.rpm
