@@ -2,12 +2,12 @@
 """Every error the project raises on purpose, as one tree.
 
 RobotError
-├── ConfigError            a config file, key or value that cannot be used       (also ValueError)
-├── InputError             a file given by the user that cannot be used          (also ValueError)
-├── DeviceError            a device is missing, is another one, or misbehaves    (also OSError)
-├── WireError              bytes on a wire that cannot be what they claim        (also ValueError)
-├── StateError             a command that the present state does not allow       (also RuntimeError)
-└── DegenerateGeometryError  geometry without an answer (too few, coincident)    (also ValueError)
+├── ConfigError            a config file, key or value that cannot be used (also ValueError)
+├── InputError             a file given by the user that cannot be used (also ValueError)
+├── DeviceError            a device is missing, another one, or misbehaves (also OSError)
+├── WireError              bytes on a wire that are not a frame (also ValueError)
+├── StateError             a command the present state does not allow (also RuntimeError)
+└── DegenerateGeometryError  geometry without an answer (also ValueError)
 
 The message is one line: what, where, value with unit, limit, likely cause, what to do.
 The CLI prints these as that one line and exits with 1; anything else is a bug and keeps its
