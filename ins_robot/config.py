@@ -193,7 +193,7 @@ class KalmanConfig:
         0.03, "position error per sqrt(metre) driven, for the pose uncertainty", above=0.0
     )
     heading_std_per_rad: float = option(
-        0.02, "heading error per sqrt(radian) turned", above=0.0
+        0.01, "heading error per sqrt(radian) turned", above=0.0
     )
 
 
