@@ -89,7 +89,7 @@ class PoseGraph:
         return queue
 
     def relax(self) -> FloatArray:
-        """Move the nodes to where all edges agree best; returns how far each went, (K,) metres."""
+        """Move the nodes to where all edges agree best; (K,) metres that each went."""
         before = self.poses.copy()
         if not self._from:
             return np.zeros(self._count)

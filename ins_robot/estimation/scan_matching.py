@@ -218,7 +218,8 @@ def log_likelihoods(field: LikelihoodField, scan: Surfels, poses: FloatArray) ->
     outlier_cost = 0.5 * KERNEL_STDS**2 / CORRELATION
     matched = np.maximum(residuals.is_matched.sum(axis=1), 1)
     known_cost = cost - outlier_cost * (len(scan) - matched)
-    return -known_cost * len(scan) / matched
+    log_likelihood: FloatArray = -known_cost * len(scan) / matched
+    return log_likelihood
 
 
 def _jacobians(r: _Residuals) -> tuple[FloatArray, FloatArray]:

@@ -44,7 +44,7 @@ class LikelihoodField:
     surfels : Surfels
         One per cell at most, in the map frame; the surest of each cell.
     columns : (7, N) float64
-        The same, for look-ups in one go: x, y, normal x and y, variance, tilt variance, flat (1, 0).
+        The same, for look-ups in one go: x, y, normal x and y, variance, tilt variance, flat.
     nearest : (H*W,) int32
         Nearest surfel of each cell, -1 where none is within reach. A rim of cells around the
         window is always -1, so that points outside are clipped onto it.
