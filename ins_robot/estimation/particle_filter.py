@@ -64,7 +64,7 @@ class ParticleFilter:
         ahead = _difference(self._moved, match.pose)  # each particle's motion mean
         mean = (ahead @ motion_information - match.gradient) @ covariance
         root = np.linalg.cholesky(0.5 * (covariance + covariance.T))
-        noise = self._rng.standard_normal(mean.shape)
+        noise = _balanced_noise(len(mean), self._rng)
         drawn = mean + noise @ root.T
         self.poses = match.pose + drawn
         self.poses[:, 2] = wrap_rad(self.poses[:, 2])
@@ -97,6 +97,12 @@ class ParticleFilter:
     def covariance(self) -> FloatArray:
         """(3, 3) of the cloud."""
         return _moments(self.poses, normalise(self.log_weights))[1] + VARIANCE_MIN
+
+
+def _balanced_noise(count: int, rng: np.random.Generator) -> FloatArray:
+    """(P, 3) standard normal draws in pairs of opposite sign: their mean adds no noise."""
+    half = rng.standard_normal(((count + 1) // 2, 3))
+    return np.concatenate([half, -half])[:count]
 
 
 def _difference(poses: FloatArray, pose: FloatArray) -> FloatArray:
