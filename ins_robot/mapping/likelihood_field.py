@@ -57,7 +57,7 @@ class LikelihoodField:
         high: list[int] = (cells.max(axis=0) + margin + 1).tolist()
         self.width, self.height = high[0] - self._corner[0], high[1] - self._corner[1]
         flat = (cells[:, 1] - self._corner[1]) * self.width + cells[:, 0] - self._corner[0]
-        # one surfel per cell, the oldest node's, which has drifted least: written last, it stays
+        # one surfel per cell, the oldest node's (least drift): written last, it stays
         order = np.argsort(-surfels.sources, kind="stable")
         table = np.full(self.width * self.height, -1, dtype=np.int32)
         table[flat[order]] = order
