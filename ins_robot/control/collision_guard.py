@@ -22,6 +22,7 @@ from ins_robot.messages import VelocityCommand
 
 REACTION_S = 0.15  # motor lag and one tick
 CREEP_MPS = 0.06  # however near, this fast is safe
+SQUEEZE_M = 0.02
 SCALES = (1.0, 0.6, 0.3, 0.1)
 
 
@@ -68,6 +69,7 @@ class CollisionGuard:
         self._brake_mps2 = config.accel_mps2
         self._time_s = config.guard_time_s
         self._surroundings: Surroundings | None = None
+        self.is_squeezing = False  # after being stuck: trust the planner by half a cell more
 
     def observe(self, surroundings: Surroundings) -> None:
         """Replace what is known of the obstacles."""
@@ -89,7 +91,7 @@ class CollisionGuard:
             there_m = known.clearance_m(pose.x_m + ux * ahead_m, pose.y_m + uy * ahead_m)
             # At a crawl the margin may be used up: what the planner chose must let us through.
             is_crawl = scale * pace * speed <= CREEP_MPS
-            if there_m >= min(self._radius_m if is_crawl else self._keep_m, here_m):
+            if there_m >= min(self._least_m() if is_crawl else self._keep_m, here_m):
                 return _scaled(wanted, scale * pace), scale < 1.0
         return VelocityCommand(yaw_rate_radps=wanted.yaw_rate_radps), True
 
@@ -98,6 +100,10 @@ class CollisionGuard:
         if self._surroundings is None:
             return math.inf
         return self._surroundings.clearance_m(pose.x_m, pose.y_m) - self._radius_m
+
+    def _least_m(self) -> float:
+        """What a crawl must keep: the body, less what the cells may have added to walls."""
+        return self._radius_m - (SQUEEZE_M if self.is_squeezing else 0.0)
 
     def _near_speed_mps(self, here_m: float) -> float:
         """Fastest speed this near to an obstacle: distance over `control.guard_time_s`."""
@@ -119,6 +125,8 @@ class CollisionGuard:
 
 class NoGuard:
     """For `control.guard = false`: lets everything pass."""
+
+    is_squeezing = False
 
     def observe(self, surroundings: Surroundings) -> None:
         """Nothing to know."""

@@ -100,6 +100,7 @@ class Mission:
         self._go = asyncio.Event()
         self._go.set()
         self._ready = asyncio.Event()
+        self._was_stuck = False
         self._collecting = 0  # revolutions still wanted for the scan being taken
         self._collected = asyncio.Event()
         self._scan_begun_s = 0.0
@@ -146,6 +147,7 @@ class Mission:
                 return
             log.info("%s: %s", self.name, decision.reason)
             outcome = await self._drive(decision)
+            self._was_stuck = outcome is Following.STUCK
             if outcome is Following.ARRIVED:
                 decision = await self._scan_here()
             elif outcome is Following.BLOCKED:
@@ -185,7 +187,7 @@ class Mission:
     async def _drive(self, goal: Drive) -> Following:
         """Follow the path; look around on the way where needed, and stop if it is blocked."""
         self.state = MissionState.DRIVING
-        arrival = self._pilot.follow(goal.path)
+        arrival = self._pilot.follow(goal.path, is_squeezing=self._was_stuck)
         while not arrival.done():
             await asyncio.wait({arrival}, timeout=WATCH_PERIOD_S)
             if not arrival.done() and self._wants_sweep():

@@ -47,9 +47,15 @@ class Pilot:
         """What the guard shall know of the obstacles, from now on."""
         self._guard.observe(surroundings)
 
-    def follow(self, path: PlannedPath) -> asyncio.Future[Following]:
-        """Drive along `path` (map frame); the future tells how it ended."""
+    def follow(
+        self, path: PlannedPath, *, is_squeezing: bool = False
+    ) -> asyncio.Future[Following]:
+        """Drive along `path` (map frame); the future tells how it ended.
+
+        `is_squeezing`: the robot was stuck here; let it crawl where the map is a little tight.
+        """
         self.halt()
+        self._guard.is_squeezing = is_squeezing
         self._follower = PathFollower(path, self._control)
         self._arrival = asyncio.get_running_loop().create_future()
         return self._arrival
