@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import argparse
+from typing import TYPE_CHECKING
 
 from ins_robot.cli.config_source import (
     add_config_argument,
@@ -11,6 +12,9 @@ from ins_robot.cli.config_source import (
     find_config,
     load_config,
 )
+
+if TYPE_CHECKING:
+    from ins_robot.config import Config
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -33,7 +37,7 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-async def _serve(config) -> None:  # type: ignore[no-untyped-def]
+async def _serve(config: Config) -> None:
     import asyncio
     import signal
     from pathlib import Path
