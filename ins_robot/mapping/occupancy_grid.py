@@ -11,11 +11,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation, distance_transform_edt
+from scipy.spatial import cKDTree
 
 from ins_robot.config import MapConfig
 from ins_robot.geometry.angles import FloatArray
 from ins_robot.geometry.pose2 import Pose2
 from ins_robot.mapping.scan_footprint import ScanFootprint, draw_scan
+from ins_robot.mapping.wall_points import NearReadings, wall_points
 from ins_robot.messages import LaserScan
 
 IntArray = NDArray[np.int64]
@@ -24,6 +26,8 @@ BoolArray = NDArray[np.bool_]
 BLOCK_CELLS = 64
 KNOWN_LOG_ODDS = 0.05  # less evidence than this says nothing (the weakest miss is 0.1)
 OCCUPIED_LOG_ODDS = 0.2  # one weak far hit is not yet a wall
+EXACT_BELOW_M = 0.35  # clearance below this is told by readings, above it by cells
+CORNERS = np.array([[-0.5, -0.5], [-0.5, 0.5], [0.5, -0.5], [0.5, 0.5]])
 
 
 class OccupancyGrid:
@@ -35,6 +39,8 @@ class OccupancyGrid:
         Edge of a cell.
     log_odds : (H, W) float32
         Clamped to +-`config.log_odds_max`. Replaced by a larger array when the grid grows.
+    is_quiet : (H, W) bool
+        Crossed by silent beams nearby: a doorway to a large room, or a glass door.
     origin_m : (x, y)
         Outer corner of cell (0, 0), in the map frame.
     """
@@ -45,7 +51,11 @@ class OccupancyGrid:
         self._corner = (0, 0)  # lattice (row, col) of cell (0, 0)
         self.log_odds: NDArray[np.float32] = np.zeros((BLOCK_CELLS, BLOCK_CELLS), np.float32)
         self._corner = (-BLOCK_CELLS // 2, -BLOCK_CELLS // 2)
+        self.is_quiet = np.zeros(self.log_odds.shape, bool)
+        self._near = NearReadings()
         self._distance_m: FloatArray | None = None
+        self._clearance_m: FloatArray | None = None
+        self._walls: cKDTree | None = None
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -122,6 +132,39 @@ class OccupancyGrid:
             self._distance_m = distance
         return self._distance_m
 
+    def walls(self) -> cKDTree:
+        """Points (N, 2) on what is solid, map frame: near readings, else cells' corners.
+
+        Cached until the grid changes.
+        """
+        if self._walls is None:
+            points, ranges = self._near.all()
+            cells = self.cells(points)
+            drawn = self.contains(cells)
+            seen, told = wall_points(
+                points[drawn], ranges[drawn], cells[drawn], self.is_occupied
+            )
+            corners = self.metres(np.argwhere(self.is_occupied & ~told))[:, None] + (
+                self.resolution_m * CORNERS
+            )
+            hidden = self.metres(np.argwhere(self.is_solid & ~self.is_occupied & ~told))
+            self._walls = cKDTree(np.concatenate([seen, corners.reshape(-1, 2), hidden]))
+        return self._walls
+
+    def clearance_m(self) -> FloatArray:
+        """(H, W) from a cell's centre to the nearest solid surface; inf when there is none.
+
+        Cached until the grid changes; the array is read-only.
+        """
+        if self._clearance_m is None:
+            clearance = self.distance_m() - 0.5 * self.resolution_m
+            rows, cols = np.nonzero((clearance < EXACT_BELOW_M) & (clearance > 0.0))
+            exact, _ = self.walls().query(self.metres(np.stack([rows, cols], axis=-1)))
+            clearance[rows, cols] = exact
+            clearance.flags.writeable = False
+            self._clearance_m = clearance
+        return self._clearance_m
+
     def integrate(
         self, scan: LaserScan, map_from_lrf: Pose2, range_trusted_m: float
     ) -> ScanFootprint:
@@ -135,6 +178,7 @@ class OccupancyGrid:
             scan, map_from_lrf, self.resolution_m, silent_free_m, self._config.beam_max_m
         )
         self.add(footprint)
+        self._near.add(scan, map_from_lrf)
         return footprint
 
     def add(self, footprint: ScanFootprint) -> None:
@@ -144,6 +188,7 @@ class OccupancyGrid:
             return
         row, col = self._grow_to(footprint.corner, (height, width))
         window = self.log_odds[row : row + height, col : col + width]
+        self.is_quiet[row : row + height, col : col + width] |= footprint.is_quiet
         step = np.where(
             footprint.evidence > 0.0,
             footprint.evidence * np.float32(self._config.hit_log_odds),
@@ -151,7 +196,7 @@ class OccupancyGrid:
         )
         limit = np.float32(self._config.log_odds_max)
         np.clip(window + step, -limit, limit, out=window)
-        self._distance_m = None
+        self._distance_m = self._clearance_m = self._walls = None
 
     def _grow_to(self, corner: tuple[int, int], size: tuple[int, int]) -> tuple[int, int]:
         """Make room for a lattice window; returns its first cell."""
@@ -165,8 +210,10 @@ class OccupancyGrid:
         ]
         shape = (high[0] - low[0], high[1] - low[1])
         if shape != self.shape:
-            grown = np.zeros(shape, np.float32)
             row, col = self._corner[0] - low[0], self._corner[1] - low[1]
-            grown[row : row + self.shape[0], col : col + self.shape[1]] = self.log_odds
-            self.log_odds, self._corner = grown, (low[0], low[1])
+            after = (shape[0] - row - self.shape[0], shape[1] - col - self.shape[1])
+            margins = ((row, after[0]), (col, after[1]))
+            self.log_odds = np.pad(self.log_odds, margins)
+            self.is_quiet = np.pad(self.is_quiet, margins)
+            self._corner = (low[0], low[1])
         return corner[0] - self._corner[0], corner[1] - self._corner[1]

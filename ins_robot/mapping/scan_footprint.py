@@ -4,7 +4,9 @@
 Every beam is sampled along its free way, finer than a cell; its end is a hit. A beam without a
 reading frees only what the sensor means by silence: everything where silence means "nothing
 there", else as far as the nearer of the two readings beside its run, and never past a bound:
-walls seen at a grazing angle fall silent too. Weak and far returns weigh less.
+walls seen at a grazing angle fall silent too. What lies within that bound but beyond the
+neighbours is quiet: an open door to a large room, or a glass one. Weak and far returns weigh
+less.
 """
 
 from __future__ import annotations
@@ -21,6 +23,7 @@ from ins_robot.messages import LaserScan
 
 MISS_WEIGHT_MIN = 0.25  # the way of a noisy beam was free all the same
 SAMPLE_SHARE = 0.6  # a beam is looked at this often per cell: only touched corners are skipped
+QUIET_RUN = 8  # fewer silent beams side by side say nothing: lost readings
 FULL_TURN_SHARE = 0.97  # bearings that span this share of a turn close on themselves
 
 
@@ -34,10 +37,13 @@ class ScanFootprint:
         Lattice cell of `evidence[0, 0]`.
     evidence : (H, W) float32
         Weight in (0, 1] of a hit, minus the weight of a miss, 0 where the scan says nothing.
+    is_quiet : (H, W) bool
+        Crossed by silent beams that saw neither a wall nor its absence.
     """
 
     corner: tuple[int, int]
     evidence: NDArray[np.float32]
+    is_quiet: NDArray[np.bool_]
 
 
 def draw_scan(
@@ -60,9 +66,13 @@ def draw_scan(
     hit_col = np.floor(start_col + step_col[hit] * ranges[hit]).astype(np.int64)
     hit_row = np.floor(start_row + step_row[hit] * ranges[hit]).astype(np.int64)
 
-    reach = np.maximum(free_m, np.where(hit, ranges, 0.0))
+    quiet_m = np.where(is_in_silent_run(scan)[order], silent_free_m, 0.0)
+    reach = np.maximum(np.maximum(free_m, quiet_m), np.where(hit, ranges, 0.0))
     if not (reach > 0.0).any():
-        return ScanFootprint(corner=(0, 0), evidence=np.zeros((0, 0), np.float32))
+        nothing = np.zeros((0, 0))
+        return ScanFootprint(
+            corner=(0, 0), evidence=nothing.astype(np.float32), is_quiet=nothing.astype(bool)
+        )
     end_col, end_row = start_col + step_col * reach, start_row + step_row * reach
     col, row = (
         math.floor(min(end_col.min(), start_col)),
@@ -71,16 +81,37 @@ def draw_scan(
     width = math.floor(max(end_col.max(), start_col)) - col + 1
     height = math.floor(max(end_row.max(), start_row)) - row + 1
 
-    along, beams = _along_ways(free_m, SAMPLE_SHARE * resolution_m)
-    miss_col = np.take(step_col, beams) * along + (start_col - col)
-    miss_row = np.take(step_row, beams) * along + (start_row - row)
+    def cells_along(ways_m: FloatArray) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
+        along, beams = _along_ways(ways_m, SAMPLE_SHARE * resolution_m)
+        cols = np.take(step_col, beams) * along + (start_col - col)
+        rows = np.take(step_row, beams) * along + (start_row - row)
+        return rows.astype(np.int32) * np.int32(width) + cols.astype(np.int32), beams
+
     evidence = np.zeros((height, width), np.float32)
     flat = evidence.reshape(-1)
-    cells = miss_row.astype(np.int32) * np.int32(width) + miss_col.astype(np.int32)
+    cells, beams = cells_along(free_m)
     # numpy keeps the last of several writes to one cell: the heaviest miss, then the hits
     flat[cells] = np.take(-np.maximum(weights, MISS_WEIGHT_MIN).astype(np.float32), beams)
     flat[(hit_row - row) * width + (hit_col - col)] = weights[hit]
-    return ScanFootprint(corner=(row, col), evidence=evidence)
+    is_quiet = np.zeros((height, width), bool)
+    is_quiet.reshape(-1)[cells_along(quiet_m)[0]] = True
+    return ScanFootprint(corner=(row, col), evidence=evidence, is_quiet=is_quiet)
+
+
+def is_in_silent_run(scan: LaserScan) -> NDArray[np.bool_]:
+    """(B,) beams without a reading among at least `QUIET_RUN` such side by side."""
+    if scan.is_free_when_silent:
+        return np.zeros(len(scan.ranges_m), bool)
+    order = np.argsort(scan.bearings_rad, kind="stable")
+    silent = np.concatenate([[0], ~scan.is_valid[order], [0]]).astype(np.int8)
+    edges = np.flatnonzero(np.diff(silent))
+    starts, ends = edges[::2], edges[1::2]
+    counts = np.zeros(len(order), bool)
+    for start, end in zip(starts, ends, strict=True):
+        counts[start:end] = end - start >= QUIET_RUN
+    result = np.empty(len(order), bool)
+    result[order] = counts
+    return result
 
 
 def beam_weights(scan: LaserScan, resolution_m: float) -> FloatArray:

@@ -137,3 +137,26 @@ def test_cells_outside_are_unknown_and_conversion_round_trips():
 def test_empty_scan_changes_nothing():
     grid = grid_of((scan_of(np.full(90, np.nan)), Pose2()))
     assert grid.is_unknown.all()
+
+
+def test_a_long_silent_run_is_quiet_ground_but_not_free():
+    """A doorway to a large room: readings at the jambs 0.5 m away, nothing between them."""
+    bearings = np.radians(np.arange(-90.0, 91.0))
+    ranges = np.where(np.abs(bearings) < 0.4, np.nan, 0.5 / np.cos(0.4))
+    grid = grid_of((scan_of(ranges, bearings=bearings), Pose2()))
+    beyond = tuple(grid.cells(np.array([0.8, 0.0])))
+    assert grid.is_unknown[beyond]
+    assert grid.is_quiet[beyond]
+    far = tuple(grid.cells(np.array([MapConfig().silent_free_m + 0.1, 0.0])))
+    assert not grid.is_quiet[far]
+
+
+def test_a_few_lost_readings_are_not_quiet_ground():
+    bearings = np.radians(np.arange(-90.0, 91.0))
+    ranges = np.where(np.abs(bearings) < np.radians(3.4), np.nan, 0.5)
+    assert not grid_of((scan_of(ranges, bearings=bearings), Pose2())).is_quiet.any()
+
+
+def test_where_silence_means_free_nothing_is_quiet():
+    scan = scan_of(np.full(360, np.nan), is_free_when_silent=True)
+    assert not grid_of((scan, Pose2())).is_quiet.any()

@@ -1,0 +1,91 @@
+# SPDX-License-Identifier: MIT
+"""Where the walls are, finer than a grid's cells: near readings in, points on surfaces out.
+
+A cell is solid or free; a wall runs somewhere through it, and a leg that fills half of a cell
+may lose that cell to the beams that pass beside it. In a doorway the robot has less room than
+that. Readings from near know the surface to some millimetres; the nearer one counts.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import binary_dilation
+from scipy.spatial import cKDTree
+
+from ins_robot.geometry.angles import FloatArray
+from ins_robot.geometry.pose2 import Pose2
+from ins_robot.messages import LaserScan
+
+RINGS_M = (0.7, 1.4, 2.0)  # readings from as near tell of a surface before those from further
+SAME_M = 0.04  # a reading from further this near to one from nearer adds nothing but its noise
+THIN_M = 0.01  # one reading per square of this size is enough
+
+BoolArray = NDArray[np.bool_]
+
+
+class NearReadings:
+    """End points of near readings in the map frame: the nearest one of each small square."""
+
+    def __init__(self) -> None:
+        self._points = np.zeros((0, 2))
+        self._ranges = np.zeros(0)
+        self._new: list[tuple[FloatArray, FloatArray]] = []
+
+    def add(self, scan: LaserScan, map_from_lrf: Pose2) -> None:
+        """Take a scan in, taken at `map_from_lrf`."""
+        near = np.nan_to_num(scan.ranges_m, nan=np.inf) <= RINGS_M[-1]
+        ranges, bearings = scan.ranges_m[near], scan.bearings_rad[near]
+        ends = np.stack([ranges * np.cos(bearings), ranges * np.sin(bearings)], axis=-1)
+        self._new.append((map_from_lrf.apply(ends), ranges))
+
+    def all(self) -> tuple[FloatArray, FloatArray]:
+        """(N, 2) end points and (N,) the ranges they were seen from."""
+        if self._new:
+            points = np.concatenate([self._points, *(points for points, _ in self._new)])
+            ranges = np.concatenate([self._ranges, *(ranges for _, ranges in self._new)])
+            self._new.clear()
+            squares = np.floor(points / THIN_M).astype(np.int64)
+            order = np.lexsort((ranges, squares[:, 1], squares[:, 0]))
+            squares = squares[order]
+            first = np.ones(len(order), bool)
+            first[1:] = (squares[1:] != squares[:-1]).any(axis=1)
+            kept = np.sort(order[first])
+            self._points, self._ranges = points[kept], ranges[kept]
+        return self._points, self._ranges
+
+
+def wall_points(
+    points_m: FloatArray,
+    ranges_m: FloatArray,
+    cells: NDArray[np.int64],
+    is_occupied: BoolArray,
+) -> tuple[FloatArray, BoolArray]:
+    """The readings that count: (M, 2) points on surfaces, and (H, W) the cells beside them.
+
+    Parameters
+    ----------
+    points_m, ranges_m : (N, 2), (N,)
+        End points and how far away they were.
+    cells : (N, 2) int64
+        The grid's cell of each; one that is not in or beside an occupied cell is a ghost.
+    """
+    if len(points_m) == 0:
+        return points_m, np.zeros(is_occupied.shape, bool)
+    beside = binary_dilation(is_occupied, np.ones((3, 3), bool))
+    real = beside[cells[:, 0], cells[:, 1]]
+    points_m, ranges_m, cells = points_m[real], ranges_m[real], cells[real]
+    counts = np.zeros(len(points_m), bool)
+    nearer_m = 0.0
+    for ring_m in RINGS_M:
+        ring = np.flatnonzero((ranges_m > nearer_m) & (ranges_m <= ring_m))
+        if counts.any():
+            away, _ = cKDTree(points_m[counts]).query(
+                points_m[ring], distance_upper_bound=SAME_M
+            )
+            ring = ring[~np.isfinite(away)]
+        counts[ring] = True
+        nearer_m = ring_m
+    told = np.zeros(is_occupied.shape, bool)
+    told[cells[counts, 0], cells[counts, 1]] = True
+    return points_m[counts], binary_dilation(told, np.ones((3, 3), bool))
