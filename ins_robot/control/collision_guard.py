@@ -1,63 +1,30 @@
 # SPDX-License-Identifier: MIT
 """The last word on every velocity: slower, or not at all, towards what is known to be there.
 
-It knows the distance to the nearest obstacle of the map and, where the LRF runs while driving,
-the points of the last revolution. It looks as far ahead as braking takes. Moving away from an
-obstacle is always allowed, so a robot found too near a wall can leave it. Near obstacles it
-slows the robot down, whichever way it goes: what is near is what is not fully known yet.
+It knows points on everything solid that was seen. It looks as far ahead as braking takes.
+Moving away from an obstacle is always allowed, so a robot found too near a wall can leave it.
+Near obstacles it slows the robot down, whichever way it goes: what is near is what is not fully
+known yet. What leads into an obstacle at a slant slides along it.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
-import numpy as np
+from scipy.spatial import cKDTree
 
 from ins_robot.config import ControlConfig
-from ins_robot.geometry.angles import FloatArray
 from ins_robot.geometry.pose2 import Pose2
 from ins_robot.messages import VelocityCommand
 
 REACTION_S = 0.15  # motor lag and one tick
 CREEP_MPS = 0.06  # however near, this fast is safe
-SQUEEZE_M = 0.02
-SCALES = (1.0, 0.6, 0.3, 0.1)
-
-
-@dataclass(frozen=True, slots=True)
-class Surroundings:
-    """What the guard knows of the obstacles, in the map frame.
-
-    `distance_m` is (H, W), metres from a cell's centre to the nearest occupied cell's centre;
-    `origin_m` the lower-left corner of cell (0, 0). `points_m` is (N, 2), seen while driving.
-    """
-
-    distance_m: np.ndarray
-    origin_m: tuple[float, float]
-    resolution_m: float
-    points_m: FloatArray | None = None
-
-    def clearance_m(self, x_m: float, y_m: float) -> float:
-        """From a place to the nearest known obstacle's surface; infinite off the map."""
-        # Between cell centres, bilinear: half a cell matters in a doorway.
-        row_at = (y_m - self.origin_m[1]) / self.resolution_m - 0.5
-        col_at = (x_m - self.origin_m[0]) / self.resolution_m - 0.5
-        row, col = math.floor(row_at), math.floor(col_at)
-        height, width = self.distance_m.shape
-        clearance = math.inf
-        if 0 <= row < height - 1 and 0 <= col < width - 1:
-            up, right, at = row_at - row, col_at - col, self.distance_m.item
-            below = (1.0 - right) * at(row, col) + right * at(row, col + 1)
-            above = (1.0 - right) * at(row + 1, col) + right * at(row + 1, col + 1)
-            clearance = (1.0 - up) * below + up * above - 0.5 * self.resolution_m
-            if math.isnan(clearance):  # no obstacle on the map at all: 0 * inf
-                clearance = math.inf
-        if self.points_m is not None and len(self.points_m):
-            dx, dy = self.points_m[:, 0] - x_m, self.points_m[:, 1] - y_m
-            clearance = min(clearance, math.sqrt(float((dx * dx + dy * dy).min())))
-        return clearance
+CREEP_MARGIN_M = 0.01  # what a creeping body keeps: the noise of the nearest readings
+STANDING_MPS = 1e-3
+ASIDE = 0.3  # slope at which it moves away from what it slides along
+SLIDE_MIN = 0.3  # less than this share of the way wanted is not worth sliding for
+SCALES = (1.0, 0.6, 0.3)
 
 
 class CollisionGuard:
@@ -68,42 +35,56 @@ class CollisionGuard:
         self._keep_m = robot_radius_m + config.guard_margin_m
         self._brake_mps2 = config.accel_mps2
         self._time_s = config.guard_time_s
-        self._surroundings: Surroundings | None = None
-        self.is_squeezing = False  # after being stuck: trust the planner by half a cell more
+        self._creep_keep_m = robot_radius_m + min(CREEP_MARGIN_M, config.guard_margin_m)
+        self._walls: cKDTree | None = None
 
-    def observe(self, surroundings: Surroundings) -> None:
-        """Replace what is known of the obstacles."""
-        self._surroundings = surroundings
+    def observe(self, walls: cKDTree) -> None:
+        """Replace what is known of the obstacles: points (N, 2) on them, map frame."""
+        self._walls = walls
 
     def apply(self, pose: Pose2, wanted: VelocityCommand) -> tuple[VelocityCommand, bool]:
         """The velocity allowed at `pose` (map frame), and whether it differs."""
         speed = math.hypot(wanted.vx_mps, wanted.vy_mps)
-        known = self._surroundings
-        if known is None or speed < 1e-3:  # noqa: PLR2004 - standing
+        if self._walls is None or self._walls.n == 0 or speed < STANDING_MPS:
             return wanted, False
         c, s = math.cos(pose.heading_rad), math.sin(pose.heading_rad)
         ux = (c * wanted.vx_mps - s * wanted.vy_mps) / speed
         uy = (s * wanted.vx_mps + c * wanted.vy_mps) / speed
-        here_m = known.clearance_m(pose.x_m, pose.y_m)
-        pace = min(1.0, self._near_speed_mps(here_m) / speed)
+        here_m, nearest = self._walls.query((pose.x_m, pose.y_m))
+        here_m = max(float(here_m), 1e-6)
+        pace_mps = min(speed, self._near_speed_mps(here_m))
         for scale in SCALES:
-            ahead_m = self._stopping_m(scale * pace * speed)
-            there_m = known.clearance_m(pose.x_m + ux * ahead_m, pose.y_m + uy * ahead_m)
-            # At a crawl the margin may be used up: what the planner chose must let us through.
-            is_crawl = scale * pace * speed <= CREEP_MPS
-            if there_m >= min(self._least_m() if is_crawl else self._keep_m, here_m):
-                return _scaled(wanted, scale * pace), scale < 1.0
+            if self._is_safe(pose, ux, uy, scale * pace_mps, here_m):
+                return _scaled(wanted, scale * pace_mps / speed), scale < 1.0
+        wall_x, wall_y = self._walls.data[nearest]
+        nx, ny = (pose.x_m - wall_x) / here_m, (pose.y_m - wall_y) / here_m
+        share, ax, ay = _aside(ux, uy, nx, ny)
+        creep_mps = share * min(speed, CREEP_MPS)
+        if share > SLIDE_MIN and self._is_safe(pose, ax, ay, creep_mps, here_m):
+            vx, vy = creep_mps * (c * ax + s * ay), creep_mps * (c * ay - s * ax)
+            yaw_rate = wanted.yaw_rate_radps
+            return VelocityCommand(vx_mps=vx, vy_mps=vy, yaw_rate_radps=yaw_rate), True
         return VelocityCommand(yaw_rate_radps=wanted.yaw_rate_radps), True
+
+    def _is_safe(
+        self, pose: Pose2, ux: float, uy: float, speed_mps: float, here_m: float
+    ) -> bool:
+        """Whether the body may move that way (unit vector, map frame) that fast."""
+        ahead_m = self._stopping_m(speed_mps)
+        there_m = self._room_m(pose.x_m + ux * ahead_m, pose.y_m + uy * ahead_m)
+        # At a crawl the margin may be used up: what the planner chose must let us through.
+        keep_m = self._creep_keep_m if speed_mps <= CREEP_MPS else self._keep_m
+        return there_m >= min(keep_m, here_m)
 
     def clearance_m(self, pose: Pose2) -> float:
         """From the body at `pose` to the nearest known obstacle; infinite without one."""
-        if self._surroundings is None:
-            return math.inf
-        return self._surroundings.clearance_m(pose.x_m, pose.y_m) - self._radius_m
+        return self._room_m(pose.x_m, pose.y_m) - self._radius_m
 
-    def _least_m(self) -> float:
-        """What a crawl must keep: the body, less what the cells may have added to walls."""
-        return self._radius_m - (SQUEEZE_M if self.is_squeezing else 0.0)
+    def _room_m(self, x_m: float, y_m: float) -> float:
+        """From a place to the nearest known surface."""
+        if self._walls is None:
+            return math.inf
+        return float(self._walls.query((x_m, y_m))[0])
 
     def _near_speed_mps(self, here_m: float) -> float:
         """Fastest speed this near to an obstacle: distance over `control.guard_time_s`."""
@@ -113,22 +94,29 @@ class CollisionGuard:
 
     def blocks(self, here: tuple[float, float], points: Sequence[tuple[float, float]]) -> bool:
         """True when a body at one of `points` would touch what is known, and does not here."""
-        known = self._surroundings
-        if known is None:
+        if self._walls is None or not points:
             return False
-        touching_m = min(self._radius_m, known.clearance_m(*here))
-        return any(known.clearance_m(x_m, y_m) < touching_m for x_m, y_m in points)
+        touching_m = min(self._creep_keep_m, self._room_m(*here))
+        room_m, _ = self._walls.query(points)
+        return bool((room_m < touching_m).any())
 
     def _stopping_m(self, speed_mps: float) -> float:
         return speed_mps * REACTION_S + speed_mps**2 / (2.0 * self._brake_mps2)
 
 
+def _aside(ux: float, uy: float, nx: float, ny: float) -> tuple[float, float, float]:
+    """What of a direction runs along an obstacle with that normal: how much, and where to."""
+    along = uy * nx - ux * ny
+    turn = math.copysign(1.0, along)
+    ax, ay = -turn * ny + ASIDE * nx, turn * nx + ASIDE * ny
+    length = math.hypot(ax, ay)
+    return abs(along), ax / length, ay / length
+
+
 class NoGuard:
     """For `control.guard = false`: lets everything pass."""
 
-    is_squeezing = False
-
-    def observe(self, surroundings: Surroundings) -> None:
+    def observe(self, walls: cKDTree) -> None:
         """Nothing to know."""
 
     def apply(self, pose: Pose2, wanted: VelocityCommand) -> tuple[VelocityCommand, bool]:

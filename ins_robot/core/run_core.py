@@ -73,6 +73,7 @@ class RunCore:
         self._located_at_s: float | None = None
         self._recorded_at_s = -math.inf
         self._last_odom = Pose2()
+        self._looked_at_m = 0.0  # path length then
 
     @property
     def pose(self) -> Pose2:
@@ -93,6 +94,10 @@ class RunCore:
         here = self.odometry.pose
         places = self._odom_at_scans.values()
         return min((here.distance_m(place) for place in places), default=math.inf)
+
+    def last_look_m(self) -> float:
+        """Distance driven since the last scan."""
+        return self.path_length_m - self._looked_at_m
 
     @property
     def next_sector(self) -> Sector:
@@ -225,7 +230,7 @@ class RunCore:
         since_s = stamp_s if self._located_at_s is None else self._located_at_s
         motion = self.odometry.increment(since_s, stamp_s)
         odom_from_base = Pose2.from_array(self.odometry.poses_at(np.array([stamp_s]))[0])
-        self._located_at_s = stamp_s
+        self._located_at_s, self._looked_at_m = stamp_s, self.path_length_m
         self._odom_at_scans[stamp_s] = odom_from_base
         return ScanJob(
             scan=scan,

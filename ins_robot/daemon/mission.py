@@ -16,7 +16,6 @@ from enum import StrEnum
 from typing import Any, Protocol, TypeVar
 
 from ins_robot.config import Config
-from ins_robot.control.collision_guard import Surroundings
 from ins_robot.control.path_follower import Following
 from ins_robot.core.run_core import RunCore, ScanJob, ScanOutcome
 from ins_robot.core.survey import Decision
@@ -32,7 +31,9 @@ T = TypeVar("T")
 CALIBRATION_TIMEOUT_S = 60.0
 WATCH_PERIOD_S = 0.2  # how often a drive looks at its pose uncertainty
 ROOMY_M = 0.4  # with this much clearance `lrf.look_every_m` is taken as it is
-CRAMPED_SHARE = 0.35  # and no less than this share of it among obstacles
+CRAMPED_SHARE = 0.15  # and no less than this share of it among obstacles
+DRIFT = 0.04  # of the way since the last look the pose may be off, with slipping wheels
+TIGHT_M = 0.008  # what counts as clearance in the tightest place
 RECONNECT_S = 3.0  # the supervisor has opened the LRF again by then, if it is there
 SETTLE_S = 0.2  # from the last command to standing still
 
@@ -100,7 +101,6 @@ class Mission:
         self._go = asyncio.Event()
         self._go.set()
         self._ready = asyncio.Event()
-        self._was_stuck = False
         self._collecting = 0  # revolutions still wanted for the scan being taken
         self._collected = asyncio.Event()
         self._scan_begun_s = 0.0
@@ -147,7 +147,6 @@ class Mission:
                 return
             log.info("%s: %s", self.name, decision.reason)
             outcome = await self._drive(decision)
-            self._was_stuck = outcome is Following.STUCK
             if outcome is Following.ARRIVED:
                 decision = await self._scan_here()
             elif outcome is Following.BLOCKED:
@@ -187,7 +186,7 @@ class Mission:
     async def _drive(self, goal: Drive) -> Following:
         """Follow the path; look around on the way where needed, and stop if it is blocked."""
         self.state = MissionState.DRIVING
-        arrival = self._pilot.follow(goal.path, is_squeezing=self._was_stuck)
+        arrival = self._pilot.follow(goal.path)
         while not arrival.done():
             await asyncio.wait({arrival}, timeout=WATCH_PERIOD_S)
             if not arrival.done() and self._wants_sweep():
@@ -199,6 +198,7 @@ class Mission:
 
     async def _give_up(self, goal: Drive, outcome: Following) -> Decision:
         await self._until_standing()
+        await self._sweep()  # what stopped the robot may be seen from here
         self.state = MissionState.THINKING
         pose = self.core.pose
         self._mark("give_up", why=str(outcome), pose=[pose.x_m, pose.y_m, pose.heading_rad])
@@ -219,8 +219,11 @@ class Mission:
             return False
         if self.core.position_std_m > self._config.slam.sweep_std_m:
             return True
-        roominess = self._pilot.clearance_m(self.core.pose) / ROOMY_M
-        every_m = self._config.lrf.look_every_m * min(1.0, max(CRAMPED_SHARE, roominess))
+        clearance_m = self._pilot.clearance_m(self.core.pose)
+        if self.core.last_look_m() * DRIFT > max(clearance_m, TIGHT_M):
+            return True
+        share = min(1.0, max(CRAMPED_SHARE, clearance_m / ROOMY_M))
+        every_m = self._config.lrf.look_every_m * share
         return every_m > 0.0 and self.core.nearest_look_m() > every_m
 
     async def _sweep(self) -> None:
@@ -282,15 +285,10 @@ class Mission:
         try:
             outcome = await computing
             self.core.apply(outcome)
-            self._pilot.observe(await self._in_worker(self._surroundings))
+            self._pilot.observe(await self._in_worker(self.core.survey.grid.walls))
         finally:
             self._is_surveying = False
         return outcome
-
-    def _surroundings(self) -> Surroundings:
-        grid = self.core.survey.grid
-        x_m, y_m = grid.origin_m
-        return Surroundings(grid.distance_m(), (float(x_m), float(y_m)), grid.resolution_m)
 
     # ---------------------------------------------------------------- what comes in
 

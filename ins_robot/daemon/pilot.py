@@ -10,8 +10,10 @@ from __future__ import annotations
 
 import asyncio
 
+from scipy.spatial import cKDTree
+
 from ins_robot.config import Config
-from ins_robot.control.collision_guard import CollisionGuard, NoGuard, Surroundings
+from ins_robot.control.collision_guard import CollisionGuard, NoGuard
 from ins_robot.control.kinematics import OmniKinematics
 from ins_robot.control.limits import VelocityLimits
 from ins_robot.control.path_follower import Following, PathFollower
@@ -43,19 +45,13 @@ class Pilot:
         self.standing = asyncio.Event()  # set while the last command was to stand
         self.standing.set()
 
-    def observe(self, surroundings: Surroundings) -> None:
-        """What the guard shall know of the obstacles, from now on."""
-        self._guard.observe(surroundings)
+    def observe(self, walls: cKDTree) -> None:
+        """What the guard shall know of the obstacles, from now on: points (N, 2) on them."""
+        self._guard.observe(walls)
 
-    def follow(
-        self, path: PlannedPath, *, is_squeezing: bool = False
-    ) -> asyncio.Future[Following]:
-        """Drive along `path` (map frame); the future tells how it ended.
-
-        `is_squeezing`: the robot was stuck here; let it crawl where the map is a little tight.
-        """
+    def follow(self, path: PlannedPath) -> asyncio.Future[Following]:
+        """Drive along `path` (map frame); the future tells how it ended."""
         self.halt()
-        self._guard.is_squeezing = is_squeezing
         self._follower = PathFollower(path, self._control)
         self._arrival = asyncio.get_running_loop().create_future()
         return self._arrival

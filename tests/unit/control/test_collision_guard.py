@@ -5,9 +5,10 @@ import math
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 from ins_robot.config import ControlConfig
-from ins_robot.control.collision_guard import CollisionGuard, Surroundings
+from ins_robot.control.collision_guard import CollisionGuard
 from ins_robot.geometry.pose2 import Pose2
 from ins_robot.messages import VelocityCommand
 
@@ -15,11 +16,9 @@ CONFIG = ControlConfig()
 RADIUS_M = 0.2
 
 
-def _wall_at_x(x_m: float) -> Surroundings:
-    """Known distances in a 4 m x 4 m map whose wall is everything beyond `x_m`."""
-    centres = (np.arange(80) + 0.5) * 0.05
-    distance = np.maximum(0.0, x_m + 0.025 - centres)
-    return Surroundings(np.tile(distance, (80, 1)), (0.0, 0.0), 0.05)
+def _wall_at_x(x_m: float) -> cKDTree:
+    """A wall across a 4 m x 4 m map."""
+    return cKDTree(np.stack([np.full(401, x_m), np.linspace(0.0, 4.0, 401)], axis=-1))
 
 
 @pytest.mark.parametrize("heading", [0.0, 1.0, -2.5])
@@ -45,6 +44,21 @@ def test_it_may_leave_a_wall_it_is_too_near_to() -> None:
     assert (towards.vx_mps, towards.yaw_rate_radps, limited) == (0.0, 0.5, True)
 
 
+@pytest.mark.parametrize("slant_deg", [10.0, 40.0, 60.0])
+def test_what_leads_into_a_wall_at_a_slant_slides_along_it(slant_deg: float) -> None:
+    guard = CollisionGuard(CONFIG, RADIUS_M)
+    guard.observe(_wall_at_x(2.0))
+    pose, slant = Pose2(1.78, 1.0, 0.7), math.radians(slant_deg)
+    for _ in range(500):
+        vx, vy = Pose2(0.0, 0.0, -pose.heading_rad).apply(
+            [[0.1 * math.sin(slant), 0.1 * math.cos(slant)]]
+        )[0]
+        v, _ = guard.apply(pose, VelocityCommand(vx_mps=vx, vy_mps=vy))
+        pose = pose @ Pose2(v.vx_mps * 0.02, v.vy_mps * 0.02, 0.0)
+        assert pose.x_m <= 2.0 - RADIUS_M - 0.005
+    assert pose.y_m > 1.15
+
+
 def test_it_slows_down_near_obstacles_whichever_way_it_goes() -> None:
     guard = CollisionGuard(CONFIG, RADIUS_M)
     guard.observe(_wall_at_x(2.0))
@@ -56,17 +70,18 @@ def test_it_slows_down_near_obstacles_whichever_way_it_goes() -> None:
     assert near == pytest.approx((0.1 - 0.0) / CONFIG.guard_time_s, abs=0.04)
 
 
-def test_a_live_point_stops_it_where_the_map_is_free() -> None:
-    known = _wall_at_x(9.0)
+def test_a_single_leg_stops_it_and_blocks_the_way_through() -> None:
     guard = CollisionGuard(CONFIG, RADIUS_M)
-    guard.observe(Surroundings(known.distance_m, known.origin_m, 0.05, np.array([[1.3, 2.0]])))
+    guard.observe(cKDTree(np.array([[1.3, 2.0]])))
     v, limited = guard.apply(Pose2(1.1, 2.0, 0.0), VelocityCommand(vx_mps=0.2))
     assert limited
     assert v.vx_mps == 0.0
+    assert guard.blocks((0.5, 2.0), [(0.9, 2.0), (1.15, 2.0)])
+    assert not guard.blocks((0.5, 2.0), [(0.9, 2.0), (1.0, 2.0), (1.3, 2.25)])
 
 
 def test_a_map_without_obstacles_stops_nobody() -> None:
     guard = CollisionGuard(CONFIG, RADIUS_M)
-    guard.observe(Surroundings(np.full((80, 80), np.inf), (0.0, 0.0), 0.05))
+    guard.observe(cKDTree(np.zeros((0, 2))))
     wanted = VelocityCommand(vx_mps=0.2)
     assert guard.apply(Pose2(2.025, 2.025, 0.0), wanted) == (wanted, False)
