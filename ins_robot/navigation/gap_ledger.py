@@ -106,7 +106,7 @@ class GapLedger:
         found = self._open(scene)
         if not found and self._adopt_edges(scene):
             found = self._open(scene)
-        if not found and scene.squeeze(self._graph):
+        if not found and scene.squeeze():
             self.update(scene)
             scene.has_adopted = False  # edges that were out of reach may not be any more
             return self.candidates(scene)

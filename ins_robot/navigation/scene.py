@@ -10,11 +10,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.ndimage import distance_transform_edt
 
 from ins_robot.geometry.angles import FloatArray
 from ins_robot.geometry.pose2 import Pose2
 from ins_robot.mapping.occupancy_grid import OccupancyGrid
-from ins_robot.navigation.node_graph import NodeGraph
 from ins_robot.navigation.squeeze import find_squeezes
 from ins_robot.navigation.terrain import (
     BodyRules,
@@ -24,6 +24,8 @@ from ins_robot.navigation.terrain import (
     survey_terrain,
 )
 from ins_robot.navigation.unseen import BarrenEdges, Unseen, survey_unseen
+
+NEAR_M = 0.5  # barren edges this near to newly opened ground get another chance
 
 
 @dataclass(slots=True, kw_only=True)
@@ -46,20 +48,32 @@ class Scene:
     is_allowed: BoolArray | None
     terrain: Terrain
     unseen: Unseen
+    barren: BarrenEdges
+    edge_min_m: float
     targets: dict[tuple[int, int], FloatArray] = field(default_factory=dict)
     has_adopted: bool = False
     has_squeezed: bool = False
 
-    def squeeze(self, graph: NodeGraph) -> bool:
-        """Price the ground again, narrow passages included; whether that opened any."""
+    def squeeze(self) -> bool:
+        """Price the ground again, with narrow passages and quiet ground; whether any opened."""
         if self.has_squeezed:
             return False
         self.has_squeezed = True
-        before = int(self.terrain.is_reachable.sum())
-        odd = find_squeezes(self.grid, graph, self.body, self.unseen.is_unseen)
+        before = self.terrain.is_reachable
+        odd = find_squeezes(self.grid, self.body, self.unseen.is_unseen)
         odd = self.terrain.odd.joined(odd)
-        self.terrain = survey_terrain(self.grid, self.pose, self.body, self.is_allowed, odd)
-        return int(self.terrain.is_reachable.sum()) > before
+        self.terrain = survey_terrain(
+            self.grid, self.pose, self.body, self.is_allowed, odd, takes_quiet=True
+        )
+        opened = self.terrain.is_reachable & ~before
+        if not opened.any():
+            return False
+        near = distance_transform_edt(~opened, sampling=self.grid.resolution_m) <= NEAR_M
+        if self.barren.forgive(self.grid, near):
+            self.unseen = survey_unseen(
+                self.grid, self.edge_min_m, self.barren, self.is_allowed
+            )
+        return True
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -98,5 +112,12 @@ def look_around(
     odd = driven_cells(grid, driven_m, body)
     terrain = survey_terrain(grid, pose, body, is_allowed, odd)
     return Scene(
-        pose=pose, grid=grid, body=body, is_allowed=is_allowed, terrain=terrain, unseen=unseen
+        pose=pose,
+        grid=grid,
+        body=body,
+        is_allowed=is_allowed,
+        terrain=terrain,
+        unseen=unseen,
+        barren=barren,
+        edge_min_m=edge_min_m,
     )

@@ -154,6 +154,8 @@ def survey_terrain(
     body: BodyRules,
     is_allowed: BoolArray | None = None,
     odd: OddCells | None = None,
+    *,
+    takes_quiet: bool = False,
 ) -> Terrain:
     """Price the ground as seen from a pose.
 
@@ -163,11 +165,14 @@ def survey_terrain(
         Where the robot's centre may be at all.
     odd : OddCells, optional
         Cells to open where they are closed, and where in them to drive.
+    takes_quiet : bool
+        Ground that silent beams crossed nearby counts as free: the last resort before a door
+        behind which nothing answers.
     """
     row, col = grid.cells(np.array([pose.x_m, pose.y_m]))
     start = (int(row), int(col))
-    clearance = grid.distance_m() - 0.5 * grid.resolution_m
-    factor = _ground_factors(grid, clearance, body)
+    clearance = grid.clearance_m()
+    factor = _ground_factors(grid, clearance, body, takes_quiet)
     odd = _open_odd(factor, odd or OddCells.none())
     if is_allowed is not None:
         factor[~is_allowed] = np.inf
@@ -185,7 +190,9 @@ def survey_terrain(
     )
 
 
-def _ground_factors(grid: OccupancyGrid, clearance: FloatArray, body: BodyRules) -> FloatArray:
+def _ground_factors(
+    grid: OccupancyGrid, clearance: FloatArray, body: BodyRules, takes_quiet: bool
+) -> FloatArray:
     """(H, W) cost per metre of known free ground.
 
     The body must not reach into a single unknown cell: between two beams of a far scan stands
@@ -196,8 +203,11 @@ def _ground_factors(grid: OccupancyGrid, clearance: FloatArray, body: BodyRules)
     lack = np.clip((preferred + EASE_M - clearance) / EASE_M, 0.0, 1.0)
     factor = 1.0 + EASE_WEIGHT * lack * lack
     factor[clearance < preferred] *= TIGHT_FACTOR
-    is_open = grid.is_free & (clearance >= needed)
-    is_unknown = grid.is_unknown
+    is_unknown, is_free = grid.is_unknown, grid.is_free
+    if takes_quiet:
+        is_free = is_free | (is_unknown & grid.is_quiet)
+        is_unknown = is_unknown & ~grid.is_quiet
+    is_open = is_free & (clearance >= needed)
     if is_unknown.any():
         unknown_m = distance_transform_edt(~is_unknown, sampling=grid.resolution_m)
         is_open &= unknown_m - 0.5 * grid.resolution_m >= body.radius_m
@@ -219,7 +229,7 @@ def driven_cells(grid: OccupancyGrid, been_m: FloatArray, body: BodyRules) -> Od
     )
     odd = odd.kept(grid.contains(odd.cells))
     rows, cols = odd.cells[:, 0], odd.cells[:, 1]
-    room = grid.distance_m()[rows, cols] - half
+    room = grid.clearance_m()[rows, cols]
     is_clear = ~grid.is_occupied[rows, cols] & (room >= body.radius_m - grid.resolution_m)
     return odd.kept(is_clear)
 

@@ -39,6 +39,7 @@ class BarrenEdges:
     """Places whose edges did not move when they were scanned."""
 
     _strikes: Counter[tuple[int, int]] = field(default_factory=Counter)
+    _forgiven: set[tuple[int, int]] = field(default_factory=set)
 
     def strike(self, points_m: FloatArray, count: int = 1) -> None:
         """Count one more scan in vain for the edges at points (N, 2)."""
@@ -52,6 +53,22 @@ class BarrenEdges:
         return np.array(
             [self._strikes[self._key(point)] >= STRIKES for point in points_m.tolist()], bool
         )
+
+    def forgive(self, grid: OccupancyGrid, is_near: BoolArray) -> bool:
+        """Give barren edges in cells (H, W) bool another chance, each once; whether any was."""
+        barren = [
+            k for k, n in self._strikes.items() if n >= STRIKES and k not in self._forgiven
+        ]
+        if not barren:
+            return False
+        cells = grid.cells((np.array(barren) + 0.5) * BARREN_CELL_M)
+        inside = grid.contains(cells)
+        inside[inside] = is_near[cells[inside, 0], cells[inside, 1]]
+        chosen = [key for key, is_chosen in zip(barren, inside, strict=True) if is_chosen]
+        self._forgiven.update(chosen)
+        for key in chosen:
+            del self._strikes[key]
+        return bool(chosen)
 
     @staticmethod
     def _key(point: list[float]) -> tuple[int, int]:

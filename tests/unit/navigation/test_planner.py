@@ -8,7 +8,6 @@ from exploring import RADIUS_M, bench, grid_of, plan
 from ins_robot.config import LrfConfig, MapConfig
 from ins_robot.geometry.pose2 import Pose2
 from ins_robot.mapping.occupancy_grid import OccupancyGrid
-from ins_robot.navigation.node_graph import Node, NodeGraph
 from ins_robot.navigation.planner import dense_points_m
 from ins_robot.navigation.planner import plan as plan_path
 from ins_robot.navigation.squeeze import find_squeezes
@@ -148,18 +147,11 @@ def test_a_passage_with_two_centimetres_to_spare_is_found_by_the_end_points(phas
     world = plan(6, 4, (0.5, 0.5, 2.5, 3.5), (2.5, 1.8, 2.7, 2.25), (2.7, 0.5, 5.5, 3.5))
     start = Pose2(1.6 + phase_m, 2.1 + phase_m, 0.0)
     robot = bench.BenchRobot(world, start, LrfConfig(), RADIUS_M)
-    grid, graph = OccupancyGrid(0.05, MapConfig()), NodeGraph()
-    for index, x in enumerate((0.0, 2.2)):  # seen from both sides
+    grid = OccupancyGrid(0.05, MapConfig())
+    for x in (0.0, 2.2):  # seen from both sides
         robot.pose = Pose2(x, 0.0, 0.0)
-        scan = robot.scan(np.pi)
-        grid.integrate(scan, robot.pose, 3.0)
-        graph.add(
-            Node(
-                index=index, id=index, stamp_s=0.0, pose=robot.pose, sector=(0.0, np.pi),
-                bearings_rad=scan.bearings_rad, ranges_m=scan.ranges_m, gaps=[],
-            )
-        )  # fmt: skip
-    odd = find_squeezes(grid, graph, BODY, np.zeros(grid.shape, bool))
+        grid.integrate(robot.scan(np.pi), robot.pose, 3.0)
+    odd = find_squeezes(grid, BODY, np.zeros(grid.shape, bool))
     here, goal = Pose2(), (2.2, 0.0)
     terrain = survey_terrain(grid, here, BODY, odd=odd)
     cell = tuple(int(v) for v in grid.cells(np.array(goal)))
@@ -170,5 +162,5 @@ def test_a_passage_with_two_centimetres_to_spare_is_found_by_the_end_points(phas
 
 def test_no_squeeze_is_found_where_the_body_does_not_fit():
     world = plan(6, 4, (0.5, 0.5, 2.5, 3.5), (2.5, 1.8, 2.7, 2.2), (2.7, 0.5, 5.5, 3.5))
-    odd = find_squeezes(grid_of(world), NodeGraph(), BODY, np.zeros((128, 128), bool))
+    odd = find_squeezes(grid_of(world), BODY, np.zeros((128, 128), bool))
     assert not ((odd.places_m[:, 0] > 2.5) & (odd.places_m[:, 0] < 2.7)).any()
