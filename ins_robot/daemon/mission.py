@@ -34,6 +34,7 @@ ROOMY_M = 0.4  # with this much clearance `lrf.look_every_m` is taken as it is
 CRAMPED_SHARE = 0.15  # and no less than this share of it among obstacles
 DRIFT = 0.04  # of the way since the last look the pose may be off, with slipping wheels
 TIGHT_M = 0.008  # what counts as clearance in the tightest place
+MOTORS_GONE_S = 10.0  # without telemetry for so long a drive has ended, badly
 RECONNECT_S = 3.0  # the supervisor has opened the LRF again by then, if it is there
 SETTLE_S = 0.2  # from the last command to standing still
 
@@ -109,6 +110,7 @@ class Mission:
         self._group: asyncio.TaskGroup | None = None
         self._method: asyncio.Task[None] | None = None
         self._last_tick_s: float | None = None
+        self._ticked_at_s = self._clock()
 
     # ---------------------------------------------------------------- the method
 
@@ -189,6 +191,11 @@ class Mission:
         arrival = self._pilot.follow(goal.path)
         while not arrival.done():
             await asyncio.wait({arrival}, timeout=WATCH_PERIOD_S)
+            if self._clock() - self._ticked_at_s > MOTORS_GONE_S:
+                raise DeviceError(
+                    f"motors: no telemetry for {MOTORS_GONE_S:g} s in a drive: cable, supply, "
+                    "or the microcontroller's firmware? the wheels stand (its dead-man)"
+                )
             if not arrival.done() and self._wants_sweep():
                 await self._sweep()
                 if not arrival.done() and self._pilot.is_blocked(self.core.pose):
@@ -304,6 +311,7 @@ class Mission:
         if not self._ready.is_set() and self.core.odometry.is_ready:
             self._ready.set()
         last_s, self._last_tick_s = self._last_tick_s, sample.stamp_s
+        self._ticked_at_s = self._clock()
         dt_s = 0.0 if last_s is None else min(0.1, max(0.0, sample.stamp_s - last_s))
         return self._pilot.tick(self.core.pose, dt_s)
 

@@ -18,6 +18,7 @@ from ins_robot.daemon import runtime
 from ins_robot.daemon.mission import Mission
 from ins_robot.daemon.runtime import Robot
 from ins_robot.errors import InputError, StateError
+from ins_robot.simulation.emulators.motor import MotorEmulator
 from ins_robot.simulation.harness import SimulatedRobot
 from ins_robot.simulation.virtual_clock import run_virtual
 from ins_robot.simulation.world import World
@@ -126,6 +127,21 @@ def test_a_full_disk_ends_the_run_but_not_the_daemon(tmp_path: Path) -> None:
     assert summary["state"] == "failed"
     assert "No space left" in summary["reason"]
     assert (tmp_path / "map.png").stat().st_size > 0
+
+
+def test_motors_that_fall_silent_for_good_end_the_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def story(robot: Robot, simulated: SimulatedRobot) -> None:
+        robot.begin(tmp_path, "dead")
+        await _until(robot, "driving")
+        monkeypatch.setattr(MotorEmulator, "advance", lambda *_: b"")
+        await robot.finished.wait()
+
+    run_virtual(_live(story))
+    summary = _summary(tmp_path)
+    assert summary["state"] == "failed"
+    assert "motors: no telemetry" in summary["reason"]
 
 
 def test_a_run_that_cannot_be_saved_is_told_and_the_next_one_may_start(tmp_path: Path) -> None:
