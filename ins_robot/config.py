@@ -262,9 +262,10 @@ class SlamConfig:
     """Pose and map correction."""
 
     estimator: str = option(
-        "particle",
-        "particle filter against the map, or the Kalman filter's odometry alone",
-        choices=("odometry", "particle"),
+        "auto",
+        "odometry alone; similarity transform or FastSLAM on features (the paper's 5.1 and 5.2); "
+        "particle filter on whole scans; auto: the best of them, today the last",
+        choices=("odometry", "similarity", "fastslam", "particle", "auto"),
     )
     particles: int = option(100, "particle count", at_least=2, at_most=5000)
     resample_below: float = option(

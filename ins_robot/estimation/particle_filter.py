@@ -22,6 +22,7 @@ from ins_robot.estimation.resampling import (
 from ins_robot.estimation.scan_matching import Alignment
 from ins_robot.geometry.angles import FloatArray, circular_mean_rad, wrap_rad
 from ins_robot.geometry.pose2 import compose
+from ins_robot.mapping.occupancy_grid import IntArray
 from ins_robot.messages import MotionIncrement
 
 LogLikelihood = Callable[[FloatArray], FloatArray]
@@ -77,14 +78,50 @@ class ParticleFilter:
         )
         self.log_weights -= self.log_weights.max()
 
-    def resample_below(self, share: float) -> bool:
-        """Resample when the effective sample size falls below that share; says whether."""
+    def motion(self) -> tuple[FloatArray, FloatArray]:
+        """(P, 3) where each particle's motion leads without noise, and its covariance (3, 3)."""
+        return self._moved, self._motion_covariance * REPEATED_ERRORS
+
+    def draw(self, at: FloatArray, information: FloatArray, push: FloatArray) -> None:
+        """Draw each particle from its motion times what it measured, and weigh the difference.
+
+        Around `at` (P, 3) a particle's measurements have `information` (P, 3, 3) and pull by
+        `push` (P, 3), the negative gradient. Their likelihood is for the caller to add.
+        """
+        moved, motion_covariance = self.motion()
+        motion_information = np.linalg.inv(motion_covariance)
+        total = information + motion_information
+        covariance = np.linalg.inv(total)
+        ahead = _difference(moved, at)
+        mean = (covariance @ (ahead @ motion_information + push)[..., None])[..., 0]
+        root = np.linalg.cholesky(0.5 * (covariance + covariance.swapaxes(1, 2)))
+        noise = _balanced_noise(len(at), self._rng)
+        drawn = mean + (root @ noise[..., None])[..., 0]
+        self.poses = at + drawn
+        self.poses[:, 2] = wrap_rad(self.poses[:, 2])
+        # weight = motion / proposal, each up to a common constant
+        off = drawn - ahead
+        log_motion = -0.5 * np.einsum("pi,ij,pj->p", off, motion_information, off)
+        log_proposal = 0.5 * np.linalg.slogdet(total)[1] - 0.5 * np.sum(noise**2, axis=1)
+        self.log_weights = self.log_weights + log_motion - log_proposal
+
+    def reweigh(self, log_likelihoods: FloatArray) -> None:
+        """Multiply the weights by likelihoods (P,)."""
+        self.log_weights = self.log_weights + log_likelihoods
+        self.log_weights -= self.log_weights.max()
+
+    def resample_below(self, share: float) -> IntArray | None:
+        """Resample when the effective sample size falls below that share.
+
+        Returns whom each particle (P,) descends from; None when nothing was drawn.
+        """
         weights = normalise(self.log_weights)
         if effective_sample_size(weights) >= share * len(weights):
-            return False
-        self.poses = self.poses[resample_low_variance(weights, self._rng)]
+            return None
+        drawn = resample_low_variance(weights, self._rng)
+        self.poses = self.poses[drawn]
         self.log_weights = np.zeros(len(weights))
-        return True
+        return drawn
 
     def carry(self, new_from_old: FloatArray) -> None:
         """Move the whole cloud by a correction of the map under it."""

@@ -19,6 +19,7 @@ from ins_robot.estimation.estimators import make_estimator
 from ins_robot.estimation.loop_closing import LoopCloser
 from ins_robot.estimation.motion_model import chain
 from ins_robot.estimation.node_map import MATCH_RADIUS_M, SURFEL_SPACING_M, Node, NodeMap, way_m
+from ins_robot.estimation.protocol import Correction, Observation
 from ins_robot.estimation.rendered_map import RenderedMap
 from ins_robot.estimation.scan_matching import Alignment
 from ins_robot.geometry.angles import FloatArray, wrap_rad
@@ -76,7 +77,8 @@ class Slam:
         self._estimator.predict(motion)
         self._remember(motion)
         surfels = self._surfels(scan)
-        match = self._correct(surfels)
+        correction = self._correct(scan, surfels)
+        match = None if correction is None else correction.match
         if self._becomes_node(is_node):
             node = self._add_node(scan, surfels, match)
             self._close_loops(node, surfels)
@@ -120,8 +122,19 @@ class Slam:
         bearing_std_rad = math.radians(self._config.bearing_std_deg)
         return surfels_of_scan(scan, bearing_std_rad, MATCH_RADIUS_M).at(self._base_from_lrf)
 
-    def _correct(self, surfels: Surfels) -> Alignment | None:
-        if len(self._nodes) == 0 or len(surfels) == 0:
+    def _correct(self, scan: LaserScan, surfels: Surfels) -> Correction | None:
+        observation = Observation(
+            scan,
+            self._base_from_lrf,
+            self._config.bearing_std_deg,
+            surfels.spread_out(SURFEL_SPACING_M, SCAN_SURFELS_MAX),
+            self._field_around,
+        )
+        return self._estimator.correct(observation)
+
+    def _field_around(self) -> LikelihoodField | None:
+        """The local map, drawn again when the robot has left the middle of the last one."""
+        if len(self._nodes) == 0:
             return None
         pose = self._estimator.pose()
         if self._field is None or math.dist(pose[:2], self._field_at[:2]) > FIELD_STALE_M:
@@ -131,10 +144,7 @@ class Slam:
             )
             self._field = self._nodes.local_field(self._linked, pose)
             self._field_at = pose
-        if self._field is None:
-            return None
-        thinned = surfels.spread_out(SURFEL_SPACING_M, SCAN_SURFELS_MAX)
-        return self._estimator.correct(thinned, self._field)
+        return self._field
 
     def _becomes_node(self, is_node: bool | None) -> bool:
         if is_node is not None:
@@ -160,7 +170,7 @@ class Slam:
         return node
 
     def _close_loops(self, node: int, surfels: Surfels) -> None:
-        if self._config.estimator == "odometry" or len(surfels) == 0:
+        if not self._estimator.closes_loops or len(surfels) == 0:
             return
         linked = self._nodes.linked([node], self._nodes.graph.poses[node])
         thinned = surfels.spread_out(SURFEL_SPACING_M, SCAN_SURFELS_MAX)

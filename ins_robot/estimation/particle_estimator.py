@@ -1,0 +1,95 @@
+# SPDX-License-Identifier: MIT
+"""Particles on a map of scans: the paper's section 5.2 with the whole scan as the measurement.
+
+Each scan is laid on the local map; what it knows sharpens the draw of every particle, and the
+likelihood of its readings weighs them.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ins_robot.config import SlamConfig
+from ins_robot.estimation.particle_filter import ParticleFilter
+from ins_robot.estimation.protocol import Correction, Observation
+from ins_robot.estimation.scan_matching import Alignment, align, log_likelihoods, search
+from ins_robot.geometry.angles import FloatArray, wrap_rad
+from ins_robot.mapping.likelihood_field import LikelihoodField
+from ins_robot.mapping.surfels import Surfels
+from ins_robot.messages import MotionIncrement
+
+SEARCH_STDS = 3.0
+SEARCH_HALF_MIN_M = 0.1
+SEARCH_HALF_MAX_M = 0.8
+SEARCH_TURN_MIN_RAD = math.radians(3.0)
+SEARCH_TURN_MAX_RAD = math.radians(25.0)
+SURE_STD_M = 0.08  # a prior this sure needs no search, descent alone gets there
+SURE_STD_RAD = math.radians(3.0)
+SURE_KERNEL = 2.0
+INLIER_SHARE_MIN = 0.3
+INLIER_SHARE_GOOD = 0.55
+INLIERS_MIN = 15
+SURPRISE_MAX = 36.0  # chi-squared of match against prior beyond which the odometry decides
+
+
+class ParticleEstimator:
+    """Predict, sharpen by matching, weigh, resample, average."""
+
+    closes_loops = True
+
+    def __init__(self, config: SlamConfig, rng: np.random.Generator) -> None:
+        self._config = config
+        self._filter = ParticleFilter(config.particles, np.zeros(3), rng)
+
+    def predict(self, motion: MotionIncrement) -> None:
+        """Take a motion in."""
+        self._filter.predict(motion)
+
+    def correct(self, observation: Observation) -> Correction | None:
+        """Lay a scan on the local map; None when it fits badly, and odometry decides."""
+        scan, field = observation.surfels, observation.field
+        if field is None or len(scan) == 0:
+            return None
+        match = _match(scan, field, *self._filter.prior())
+        if match is None:
+            return None
+        known = scan.take(match.is_inlier)
+        self._filter.weigh(match, lambda poses: log_likelihoods(field, known, poses))
+        self._filter.resample_below(self._config.resample_below)
+        return Correction(match=match)
+
+    def carry(self, new_from_old: FloatArray) -> None:
+        """Move with the map."""
+        self._filter.carry(new_from_old)
+
+    def pose(self) -> FloatArray:
+        """(3,)."""
+        return self._filter.mean()
+
+    def covariance(self) -> FloatArray:
+        """(3, 3)."""
+        return self._filter.covariance()
+
+
+def _match(
+    scan: Surfels, field: LikelihoodField, prior: FloatArray, covariance: FloatArray
+) -> Alignment | None:
+    """Best alignment near the prior, or None when it is poor or incredible."""
+    information = np.asarray(np.linalg.inv(covariance), dtype=np.float64)
+    std_m = math.sqrt(max(float(np.linalg.eigvalsh(covariance[:2, :2])[-1]), 0.0))
+    std_rad = math.sqrt(float(covariance[2, 2]))
+    match = None
+    if std_m < SURE_STD_M and std_rad < SURE_STD_RAD:
+        match = align(field, scan, prior[None], prior, information, kernel_start=SURE_KERNEL)
+    if match is None or match.inlier_share < INLIER_SHARE_GOOD:
+        half_width = min(max(SEARCH_STDS * std_m, SEARCH_HALF_MIN_M), SEARCH_HALF_MAX_M)
+        half_turn = min(max(SEARCH_STDS * std_rad, SEARCH_TURN_MIN_RAD), SEARCH_TURN_MAX_RAD)
+        found = search(field, scan, prior, half_width, half_turn, information)
+        match = align(field, scan, np.stack([found.pose, prior]), prior, information)
+    if match.inliers < INLIERS_MIN or match.inlier_share < INLIER_SHARE_MIN:
+        return None
+    off = match.pose - prior
+    off[2] = wrap_rad(float(off[2]))
+    return match if float(off @ information @ off) < SURPRISE_MAX else None
