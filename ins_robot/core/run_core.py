@@ -222,7 +222,7 @@ class RunCore:
             wall_time_s=wall_time_s,
             peak_rss_mb=peak_rss_mb,
             slam_ms=self.survey.slam_ms,
-            notes={"sweeps": self.sweeps, **notes},
+            notes={"sweeps": self.sweeps, **slam.notes(), **notes},
         )
 
     def _job(self, scan: LaserScan, sector: Sector | None, *, is_node: bool | None) -> ScanJob:

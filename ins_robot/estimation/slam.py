@@ -22,6 +22,7 @@ from ins_robot.estimation.node_map import MATCH_RADIUS_M, SURFEL_SPACING_M, Node
 from ins_robot.estimation.protocol import Correction, Observation
 from ins_robot.estimation.rendered_map import RenderedMap
 from ins_robot.estimation.scan_matching import Alignment
+from ins_robot.estimation.wheel_scale import WheelScale, WheelScaleMeter
 from ins_robot.geometry.angles import FloatArray, wrap_rad
 from ins_robot.geometry.pose2 import Pose2, between, compose, inverse
 from ins_robot.mapping.likelihood_field import LikelihoodField
@@ -64,6 +65,7 @@ class Slam:
         self._field: LikelihoodField | None = None
         self._field_at = np.zeros(3)
         self._linked: list[int] = []
+        self._wheel_scale = WheelScaleMeter()
         self.anchors: list[Anchor] = []
         self.loop_closures = 0
 
@@ -79,6 +81,8 @@ class Slam:
         surfels = self._surfels(scan)
         correction = self._correct(scan, surfels)
         match = None if correction is None else correction.match
+        if correction is not None:
+            self._wheel_scale.located(self._estimator.pose())
         if self._becomes_node(is_node):
             node = self._add_node(scan, surfels, match)
             self._close_loops(node, surfels)
@@ -112,8 +116,19 @@ class Slam:
         """Occupancy grid of the corrected node scans."""
         return self._rendered.grid(self._nodes)
 
+    @property
+    def wheel_scale(self) -> WheelScale | None:
+        """What the scans say about the wheels' radius; None while they say too little."""
+        return self._wheel_scale.value()
+
+    def notes(self) -> dict[str, float | str]:
+        """What belongs into a run's summary beside pose and map."""
+        scale = self.wheel_scale
+        return {} if scale is None else scale.notes()
+
     def _remember(self, motion: MotionIncrement) -> None:
         self._travelled_m += way_m(motion)
+        self._wheel_scale.moved(motion)
         self._since_node = (
             motion if self._since_node is None else chain(self._since_node, motion)
         )
@@ -184,6 +199,7 @@ class Slam:
         before = self._nodes.graph.poses[node].copy()
         self._nodes.graph.relax()
         self._estimator.carry(compose(self._nodes.graph.poses[node], inverse(before)))
+        self._wheel_scale.interrupt()
         self.loop_closures += 1
 
     def _anchor(self, stamp_s: float) -> None:

@@ -95,6 +95,7 @@ def replay_log(
         wall_time_s=clock() - begun_s,
         peak_rss_mb=peak_rss_mb(),
         slam_ms=slam_ms,
+        notes=slam.notes(),
     )
 
 

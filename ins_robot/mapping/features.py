@@ -89,9 +89,9 @@ class Features:
 
 def features_of_scan(scan: LaserScan, bearing_std_rad: float, reach_max_m: float) -> Features:
     """Features in the LRF frame; readings beyond `reach_max_m` are left out."""
-    signal = _Signal(scan, bearing_std_rad, reach_max_m)
-    if len(signal.ranges_m) < 2 * WINDOW_MIN:
+    if np.count_nonzero(scan.ranges_m <= reach_max_m) < 2 * WINDOW_MIN:
         return _joined([])
+    signal = _Signal(scan, bearing_std_rad, reach_max_m)
     objects, is_in_object = _objects(signal)
     ends = _wall_ends(signal, is_in_object)
     corners = _corners(signal, is_in_object)
