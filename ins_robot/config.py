@@ -263,7 +263,7 @@ class SlamConfig:
 
     estimator: str = option(
         "auto",
-        "odometry alone; similarity transform or FastSLAM on features (the paper's 5.1 and 5.2); "
+        "odometry alone; similarity transform or FastSLAM on features (the paper's 5.1, 5.2); "
         "particle filter on whole scans; auto: the best of them, today the last",
         choices=("odometry", "similarity", "fastslam", "particle", "auto"),
     )

@@ -28,7 +28,11 @@ FLOOR_STD_M = 0.03
 GATE_CHI2 = 9.0
 HYPOTHESES_MAX = 400
 TO_COMPLEX = np.array([1.0, 1.0j])
-PRIOR_WORTH = 0.03  # of a feature, per chi-squared off the prior: of equals, the nearest
+PRIOR_WORTH = 1.0 / GATE_CHI2  # of a feature, per chi-squared off the prior
+TO_COMPLEX = np.array([1.0, 1.0j])
+PRIOR_WORTH = 1.0 / GATE_CHI2  # of a feature, per chi-squared off the prior
+RIVAL_M, RIVAL_RAD = 0.2, math.radians(3.0)  # a motion this far away is another one
+RIVAL_MARGIN = -9  # features by which the best must lead
 
 Complex = NDArray[np.complex128]
 
@@ -94,7 +98,7 @@ def correspond(
     found = np.maximum.reduceat(np.maximum(0.0, 1.0 - chi2 / GATE_CHI2), first, axis=1)
     step = np.stack([shifts.real, shifts.imag, turns], axis=-1)
     strange = np.einsum("hi,ij,hj->h", step, np.linalg.inv(covariance), step)
-    score = found.sum(axis=1) - PRIOR_WORTH * np.minimum(strange, GATE_CHI2 * 4.0)
+    score = found.sum(axis=1) - PRIOR_WORTH * strange
     best = chi2[int(np.argmax(score))]
     kept: list[int] = []
     for k in np.argsort(best, kind="stable").tolist():  # each feature and landmark once

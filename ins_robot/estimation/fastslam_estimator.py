@@ -10,6 +10,7 @@ scan after an unsure motion would leave one particle of a hundred.
 from __future__ import annotations
 
 import math
+from typing import ClassVar
 
 import numpy as np
 
@@ -35,7 +36,7 @@ SURE = np.zeros((3, 3))  # a particle knows its pose
 class FastSlamEstimator:
     """Predict, find the landmarks, draw, weigh, learn, resample, average."""
 
-    closes_loops = False
+    closes_loops: ClassVar[bool] = False
 
     def __init__(self, config: SlamConfig, rng: np.random.Generator) -> None:
         self._resample_below = config.resample_below
@@ -52,15 +53,15 @@ class FastSlamEstimator:
         at, doubt = self._near_truth(sightings)
         slots = self._maps.near(self.pose(), REACH_M)
         chosen = self._maps.associate(at, sightings, slots, doubt)
-        is_known = (chosen >= 0).any(axis=0)
-        if is_known.any():
+        is_known = bool((chosen >= 0).any())
+        if is_known:
             self._draw(at, sightings, chosen)
-            self._filter.reweigh(self._log_likelihoods(sightings, chosen, is_known))
+            self._filter.reweigh(self._log_likelihoods(sightings, chosen))
         self._maps.learn(self._filter.poses, sightings, chosen, SURE)
         drawn = self._filter.resample_below(self._resample_below)
         if drawn is not None:
             self._maps.take(drawn)
-        return Correction() if is_known.any() else None
+        return Correction() if is_known else None
 
     def carry(self, new_from_old: FloatArray) -> None:
         """Move with the map."""
@@ -103,13 +104,11 @@ class FastSlamEstimator:
         push = (weighted @ innovations.error[..., None])[..., 0].sum(axis=1)
         self._filter.draw(at, information, push)
 
-    def _log_likelihoods(
-        self, sightings: Sightings, chosen: IntArray, is_known: np.ndarray
-    ) -> FloatArray:
+    def _log_likelihoods(self, sightings: Sightings, chosen: IntArray) -> FloatArray:
         """(P,) of the features that any particle knows; one that does not is far off."""
         innovations = self._maps.innovations(self._filter.poses, sightings, chosen)
         chi2 = np.where(chosen >= 0, np.minimum(innovations.chi2(), GATE_CHI2), GATE_CHI2)
         wider = np.linalg.slogdet(innovations.covariance)[1]
         wider = wider - np.linalg.slogdet(sightings.covariances)[1]
         terms = -0.5 * (chi2 + np.where(chosen >= 0, wider, 0.0))
-        return np.asarray(terms[:, is_known].sum(axis=1))
+        return np.asarray(terms[:, (chosen >= 0).any(axis=0)].sum(axis=1))

@@ -20,6 +20,7 @@ from ins_robot.mapping.occupancy_grid import IntArray
 GATE_CHI2 = 11.8  # 3 sigma of two dimensions: nearer is the same landmark ...
 APART_CHI2 = 30.0  # ... further is another one, and in between nobody knows
 APART_M = 0.25
+SEEN_OFTEN, PATIENCE = 3, 40  # what was seen less often, scans ago, was chance
 NEW, UNCLEAR = -1, -2  # instead of a slot
 NO_KIND = -1
 RANGE_STD_M = 0.02  # what a landmark is off, apart from its covariance ...
@@ -98,7 +99,9 @@ class LandmarkMaps:
         self._seen_at = np.zeros((particles, capacity), dtype=np.int64)
         self._scans = 0
 
-    def near(self, position: FloatArray, radius_m: float, particle: int | None = None) -> IntArray:
+    def near(
+        self, position: FloatArray, radius_m: float, particle: int | None = None
+    ) -> IntArray:
         """(N,) slots in use within that distance of (x, y), in any particle or in one."""
         rows = slice(None) if particle is None else slice(particle, particle + 1)
         square = ((self.points_m[rows] - position[:2]) ** 2).sum(axis=-1)
@@ -142,7 +145,9 @@ class LandmarkMaps:
         is_apart = (chi2.min(axis=2) > APART_CHI2) & (distance.min(axis=2) > APART_M)
         nearest = np.where(is_apart, 0.0, chi2.min(axis=2)).mean(axis=0)
         rows = np.arange(particles)
-        for feature in np.argsort(nearest, kind="stable"):  # one after another: a landmark is given to one feature only
+        for feature in np.argsort(
+            nearest, kind="stable"
+        ):  # one after another: a landmark is given to one feature only
             best = chi2[:, feature].argmin(axis=1)
             is_same = chi2[rows, feature, best] < GATE_CHI2
             chosen[:, feature] = np.where(
@@ -189,6 +194,9 @@ class LandmarkMaps:
         self.covariances[particle, slot] = smaller
         self.seen[particle, slot] += 1
         self._seen_at[particle, slot] = self._scans
+        is_chance = (self.seen < SEEN_OFTEN) & (self._scans - self._seen_at > PATIENCE)
+        self.kinds[is_chance] = NO_KIND
+        self.seen[is_chance] = 0
         self._begin(poses, sightings.features, chosen, doubt)
 
     def _begin(
@@ -233,7 +241,7 @@ def _innovations(
     noise: FloatArray,
     doubt: FloatArray,
 ) -> Innovations:
-    """Of landmarks seen from poses, all broadcast against one another; the paper's d and alpha."""
+    """Of landmarks seen from poses, broadcast against one another; the paper's d and alpha."""
     dx, dy = points_m[..., 0] - poses[..., 0], points_m[..., 1] - poses[..., 1]
     distance = np.maximum(np.hypot(dx, dy), DISTANCE_MIN_M)
     c, s = dx / distance, dy / distance

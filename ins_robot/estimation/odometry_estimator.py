@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from typing import ClassVar
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from ins_robot.messages import MotionIncrement
 class OdometryEstimator:
     """Dead reckoning."""
 
-    closes_loops = False
+    closes_loops: ClassVar[bool] = False
 
     def __init__(self) -> None:
         self._pose = np.zeros(3)

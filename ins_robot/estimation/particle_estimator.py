@@ -8,6 +8,7 @@ likelihood of its readings weighs them.
 from __future__ import annotations
 
 import math
+from typing import ClassVar
 
 import numpy as np
 
@@ -37,7 +38,7 @@ SURPRISE_MAX = 36.0  # chi-squared of match against prior beyond which the odome
 class ParticleEstimator:
     """Predict, sharpen by matching, weigh, resample, average."""
 
-    closes_loops = True
+    closes_loops: ClassVar[bool] = True
 
     def __init__(self, config: SlamConfig, rng: np.random.Generator) -> None:
         self._config = config

@@ -79,7 +79,7 @@ class ParticleFilter:
         self.log_weights -= self.log_weights.max()
 
     def motion(self) -> tuple[FloatArray, FloatArray]:
-        """(P, 3) where each particle's motion leads without noise, and its covariance (3, 3)."""
+        """(P, 3) where the motion leads each particle without noise; its covariance (3, 3)."""
         return self._moved, self._motion_covariance * REPEATED_ERRORS
 
     def draw(self, at: FloatArray, information: FloatArray, push: FloatArray) -> None:

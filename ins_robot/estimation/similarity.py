@@ -28,8 +28,12 @@ ROUNDS = 5  # of refusing outliers
 CONVERGED = 1e-9  # relative change of the transform
 ERROR_FLOOR = 1e-9  # of a deviation or a metre: weights are one over the error
 OUTLIER_STDS = 4.0
-MEDIAN_OF_RAYLEIGH = math.sqrt(2.0 * math.log(2.0))  # median error per deviation of a coordinate
-SPATIAL_MEDIAN_VARIANCE = 4.0 / math.pi  # of the least absolute error, over least squares', in 2-D
+MEDIAN_OF_RAYLEIGH = math.sqrt(
+    2.0 * math.log(2.0)
+)  # median error per deviation of a coordinate
+SPATIAL_MEDIAN_VARIANCE = (
+    4.0 / math.pi
+)  # of the least absolute error, over least squares', in 2-D
 AGREEING_SHARE_MIN = 0.5
 
 Complex = NDArray[np.complex128]
@@ -132,7 +136,7 @@ def fit_similarity(
 def _least_absolute(
     left: Complex, right: Complex, deviations: FloatArray, fixed_scale: float | None
 ) -> tuple[complex, complex]:
-    """Multiplier m = lambda e^(i alpha) and translation t of the least sum of absolute errors."""
+    """Multiplier m = lambda e^(i alpha) and t of the least sum of absolute errors."""
     weights = 1.0 / deviations**2
     m, t = _least_squares(left, right, weights, fixed_scale)
     for _ in range(ITERATIONS):
@@ -150,7 +154,7 @@ def _least_absolute(
 def _least_squares(
     left: Complex, right: Complex, weights: FloatArray, fixed_scale: float | None
 ) -> tuple[complex, complex]:
-    """Umeyama's closed form, weighted; a rotation cannot come out as a reflection in the plane."""
+    """Umeyama's closed form, weighted; with complex numbers there are no reflections."""
     total = float(weights.sum())
     l_mean, r_mean = complex(weights @ left) / total, complex(weights @ right) / total
     l_off, r_off = left - l_mean, right - r_mean
@@ -170,7 +174,7 @@ def _least_squares(
 
 
 def _unit_variance(errors_m: FloatArray, deviations: FloatArray) -> float:
-    """Variance of a coordinate of deviation 1, from mean absolute errors of 2 N - 4 freedoms."""
+    """Variance of a coordinate of deviation 1, by the mean error; 2 N - 4 are free."""
     count = len(errors_m)
     freedom = max(2.0 * count - 4.0, 1.0) / (2.0 * count)
     mean = float(np.mean(errors_m / deviations))
@@ -178,9 +182,13 @@ def _unit_variance(errors_m: FloatArray, deviations: FloatArray) -> float:
 
 
 def _covariance(
-    m: complex, left: Complex, deviations: FloatArray, unit_var: float, fixed_scale: float | None
+    m: complex,
+    left: Complex,
+    deviations: FloatArray,
+    unit_var: float,
+    fixed_scale: float | None,
 ) -> FloatArray:
-    """(4, 4) over scale, turn, x, y: that of least squares, by the spatial median's efficiency."""
+    """(4, 4) over scale, turn, x, y: least squares', by the spatial median's efficiency."""
     weights = 1.0 / deviations**2
     total = float(weights.sum())
     mean = complex(weights @ left) / total

@@ -2,14 +2,16 @@
 """The paper's section 5.1: features against objects placed before give a similarity transform.
 
 The transform that carries the features, placed by odometry, onto the objects corrects the pose;
-the features are then placed again from there and become objects. A scan has the LRF's scale and
-so has the map, so a transform that needs another one is a wrong correspondence; what lambda says
-about the wheels shows over a way, see `ins_robot.estimation.wheel_scale`.
+the features are then placed again from there and become objects. A scan has the LRF's scale,
+and so has the map: a transform that needs another one is a wrong correspondence. What lambda
+says about the wheels shows over a way, see `ins_robot.estimation.wheel_scale`.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import replace
+from typing import ClassVar
 
 import numpy as np
 
@@ -30,26 +32,29 @@ REACH_M = FEATURE_REACH_M + 2.0
 PAIRS_MIN = 2
 SCALE_OFF_MAX, SCALE_STDS = 0.03, 4.0
 FIX_STD_MIN = np.array([0.005, 0.005, math.radians(0.15)])
-SURPRISE_MAX = 36.0
+SURPRISE_MAX = 16.3  # 99.9 % of a chi-squared of three
 
 
 class SimilarityEstimator:
     """Odometry, set right by similarity transforms."""
 
-    closes_loops = False
+    closes_loops: ClassVar[bool] = False
 
     def __init__(self) -> None:
         self._odometry = OdometryEstimator()
+        self._doubtful = OdometryEstimator()  # the same, its motions worth less
         self._objects = LandmarkMaps(1, OBJECTS_MAX)
 
     def predict(self, motion: MotionIncrement) -> None:
         """Take a motion in."""
         self._odometry.predict(motion)
+        worth_less = replace(motion, covariance=motion.covariance * REPEATED_ERRORS)
+        self._doubtful.predict(worth_less)
 
     def correct(self, observation: Observation) -> Correction | None:
         """Lay the features on the objects; None when they do not tell where."""
         sightings = Sightings.of(observation.features)
-        pose, covariance = self.pose(), self.covariance() * REPEATED_ERRORS
+        pose, covariance = self.pose(), self._doubtful.covariance()
         slots = self._objects.near(pose, REACH_M)
         known = self._objects.of(0, slots)
         pairs = correspond(sightings.features, known, pose, covariance)
@@ -63,6 +68,7 @@ class SimilarityEstimator:
     def carry(self, new_from_old: FloatArray) -> None:
         """Move with the map."""
         self._odometry.carry(new_from_old)
+        self._doubtful.carry(new_from_old)
         self._objects.carry(new_from_old)
 
     def pose(self) -> FloatArray:
@@ -86,6 +92,7 @@ class SimilarityEstimator:
         better = pose + K @ off
         better[2] = wrap_rad(float(better[2]))
         self._odometry.set(better, K @ noise)  # (I - K) P = K R
+        self._doubtful.set(better, K @ noise)
         return True
 
 

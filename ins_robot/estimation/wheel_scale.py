@@ -4,7 +4,7 @@
 Stations of the way as the odometry chained them, l, are fitted onto the same stations as scans
 placed them, r: lambda R l + t = r. Scans have the LRF's scale, so lambda is what the wheels'
 radius is to be multiplied by. The way is cut into stretches, each with an R and t of its own:
-a drift of heading is not taken for a scale, and the stretches' scatter tells lambda's deviation.
+a drift of heading is no scale then, and the stretches' scatter tells lambda's deviation.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: MIT
-"""Features: points of a scan that stay where they are when the robot moves. A scan in, points out.
+"""Features: points of a scan that stay put when the robot moves. A scan in, points out.
 
-The range signal is differentiated by bearing (the paper's figure 7). A falling and a rising edge
-enclose an object; the near side of a single edge is the end of a wall; where the slope itself
-breaks, two walls meet in a corner. Ends and corners are read off lines fitted to the readings
-beside them, so their covariance (2, 2) is that of the fits and of the beam spacing.
+The range signal is differentiated by bearing (the paper's figure 7). A falling and a rising
+edge enclose an object; the near side of a single edge is the end of a wall; where the slope
+itself breaks, two walls meet in a corner. Ends and corners are read off lines fitted to the
+readings beside them, so their covariance (2, 2) is that of the fits and of the beam spacing.
 """
 
 from __future__ import annotations
@@ -116,7 +116,9 @@ class _Signal:
         index = np.arange(-pad, count + pad)
         wrapped = index % max(count, 1)
         self.is_core = (index >= 0) & (index < count)
-        self.bearings_rad = bearings[wrapped] + 2.0 * math.pi * ((index - wrapped) / max(count, 1))
+        self.bearings_rad = bearings[wrapped] + 2.0 * math.pi * (
+            (index - wrapped) / max(count, 1)
+        )
         self.ranges_m = scan.ranges_m[used][wrapped]
         self.rays = np.stack([np.cos(self.bearings_rad), np.sin(self.bearings_rad)], axis=-1)
         self.points_m = self.ranges_m[:, None] * self.rays
@@ -142,15 +144,21 @@ class _Signal:
         steps_m = np.hypot(*np.diff(self.points_m, axis=0).T)
         arc_m = np.concatenate([[0.0], np.cumsum(steps_m)])
         noise = self.range_var_m2
-        for i, length_m in enumerate(WINDOWS_M):
+        lines: list[tuple[LineFits, LineFits]] = []
+        for length_m in WINDOWS_M:
             start = np.searchsorted(arc_m, arc_m - length_m, side="left")
             stop = np.searchsorted(arc_m, arc_m + length_m, side="right") - 1
             start = np.clip(start, here - WINDOW_MAX, here - WINDOW_MIN)
             stop = np.clip(stop, here + WINDOW_MIN, here + WINDOW_MAX)
-            before = LineFits.of_windows(self.points_m, noise, np.maximum(start, self.first), here)
+            before = LineFits.of_windows(
+                self.points_m, noise, np.maximum(start, self.first), here
+            )
             after = LineFits.of_windows(self.points_m, noise, here, np.minimum(stop, self.last))
-            self.before = before if i == 0 else before.or_else(before.is_good, self.before)
-            self.after = after if i == 0 else after.or_else(after.is_good, self.after)
+            lines.append((before, after))
+        self.before, self.after = lines[0]
+        for before, after in lines[1:]:
+            self.before = before.or_else(before.is_good, self.before)
+            self.after = after.or_else(after.is_good, self.after)
 
 
 def _objects(signal: _Signal) -> tuple[Features, BoolArray]:

@@ -14,9 +14,10 @@ import numpy as np
 from ins_robot.geometry.angles import FloatArray
 from ins_robot.mapping.occupancy_grid import BoolArray, IntArray
 
-READINGS_MIN = 4
-LENGTH_MIN_M = 0.15
-STD_MAX_M = 0.02  # a line's readings lie this near to it, apart from ...
+SINE_MIN = 1e-6  # of the angle between two lines: flatter ones are taken for this
+READINGS_MIN = 3
+LENGTH_MIN_M = 0.1
+STD_MAX_M = 0.02
 STD_MAX_RATIO = 1.5  # ... what their own noise explains
 
 
@@ -67,9 +68,7 @@ class LineFits:
             var_m2=np.maximum(across, noise),
             along_m2=np.maximum(along, 1e-9) * counts,
             counts=counts,
-            is_good=(counts >= READINGS_MIN)
-            & (12.0 * along > LENGTH_MIN_M**2)
-            & is_straight,
+            is_good=(counts >= READINGS_MIN) & (12.0 * along > LENGTH_MIN_M**2) & is_straight,
         )
 
     def take(self, index: IntArray | BoolArray) -> LineFits:
@@ -81,7 +80,8 @@ class LineFits:
 
         def pick(name: str) -> np.ndarray:
             mine, theirs = getattr(self, name), getattr(other, name)
-            return np.where(is_self.reshape(-1, *[1] * (mine.ndim - 1)), mine, theirs)
+            is_mine = is_self.reshape(-1, *[1] * (mine.ndim - 1))
+            return np.asarray(np.where(is_mine, mine, theirs))
 
         return LineFits(**{f.name: pick(f.name) for f in fields(self)})
 
@@ -109,7 +109,7 @@ def intersect(
     """
     a, b = one.directions, other.directions
     sine = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
-    safe = np.where(np.abs(sine) < 1e-6, 1e-6, sine)
+    safe = np.where(np.abs(sine) < SINE_MIN, SINE_MIN, sine)
     off = other.centres_m - one.centres_m
     at = (off[:, 0] * b[:, 1] - off[:, 1] * b[:, 0]) / safe
     points = one.centres_m + a * at[:, None]
@@ -121,5 +121,7 @@ def intersect(
             line.normals[:, :, None] * line.normals[:, None, :]
         )
     trace = np.trace(information, axis1=1, axis2=2)
-    information += (1e-9 * trace)[:, None, None] * np.eye(2)  # parallel lines know one direction
-    return points, np.linalg.inv(information), sine
+    information += (1e-9 * trace)[:, None, None] * np.eye(
+        2
+    )  # parallel lines know one direction
+    return points, np.asarray(np.linalg.inv(information), dtype=np.float64), sine

@@ -14,7 +14,9 @@ from ins_robot.mapping.features import FeatureKind, Features, features_of_scan
 
 BEARING_STD_RAD = math.radians(0.5)
 REACH_M = 8.0
-STANDS = np.array([(0, 0, 0), (0.5, 2, 1), (3, 2, 2), (-2.5, 1, 0), (3.2, -1, -2.5), (0.6, 0, 3)])
+STANDS = np.array(
+    [(0, 0, 0), (0.5, 2, 1), (3, 2, 2), (-2.5, 1, 0), (3.2, -1, -2.5), (0.6, 0, 3)]
+)
 
 
 def seen_from(walls, pose, seed=0, bearings=None, **more):

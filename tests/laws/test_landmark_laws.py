@@ -65,7 +65,7 @@ def test_a_landmark_is_taken_by_one_feature_and_kinds_do_not_mix():
     maps = LandmarkMaps(1, 16)
     origin = np.zeros((1, 3))
     look(maps, origin, features_from(origin[0]))
-    twins = np.repeat(LANDMARKS[:1], 2, axis=0) + [[0.0, 0.0], [0.02, 0.0]]
+    twins = LANDMARKS[0] + np.array([[0.0, 0.0], [0.02, 0.0]])
     chosen = look(maps, origin, features_from(origin[0], points_m=twins, kinds=KINDS[:2]))
     assert chosen.tolist() == [[0, UNCLEAR]]
     swapped = features_from(origin[0], points_m=LANDMARKS[:1], kinds=np.array([2]))

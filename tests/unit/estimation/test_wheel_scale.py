@@ -13,6 +13,7 @@ from ins_robot.estimation.wheel_scale import WheelScale, WheelScaleMeter
 from ins_robot.geometry.pose2 import Pose2
 
 TOUR = [(0, 0), (3, 0), (3, 2), (0.5, 2), (0, 0)]
+STEP, JUMP = np.array([0.5, 0.0, 0.0]), np.array([0.0, 3.0, 0.0])
 PATH = along_way_points(TOUR * 3, 0.5)
 
 
@@ -56,18 +57,18 @@ def test_a_jump_of_the_map_is_no_scale():
     pose = np.zeros(3)
     for step in range(60):
         meter.moved(motion_between((0, 0, 0), (0.5, 0.0, 0.0)))
-        pose = pose + [0.5, 0.0, 0.0] + rng.normal(0.0, 0.005, 3) * (1, 1, 0)
+        pose = pose + STEP + rng.normal(0.0, 0.005, 3) * (1, 1, 0)
         if step % 7 == 6:
-            pose = pose + [0.0, 3.0, 0.0]
+            pose = pose + JUMP
             meter.interrupt()
         meter.located(pose)
     assert meter.value() is None  # no stretch was ever whole
 
     for step in range(60):
         meter.moved(motion_between((0, 0, 0), (0.5, 0.0, 0.0)))
-        pose = pose + [0.5, 0.0, 0.0]
+        pose = pose + STEP
         if step % 15 == 14:
-            pose = pose + [0.0, 3.0, 0.0]
+            pose = pose + JUMP
             meter.interrupt()
         meter.located(pose)
     assert meter.value().scale == pytest.approx(1.0, abs=0.003)
