@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ins_robot.geometry.angles import FloatArray
+from ins_robot.geometry.angles import FloatArray, wrap_rad
 from ins_robot.geometry.pose2 import Pose2
 from ins_robot.mapping.features import Features
 from ins_robot.mapping.occupancy_grid import IntArray
@@ -24,7 +24,7 @@ REACH_MIN_M, REACH_MAX_M = 0.15, 1.2  # how far a landmark may be from where it 
 TURN_MIN_RAD, TURN_MAX_RAD = math.radians(2.0), math.radians(25.0)
 BASELINE_MIN_M = 0.6
 LENGTH_TOLERANCE_M = 0.12
-FLOOR_STD_M = 0.03
+FLOOR_STD_M, FLOOR_STD_RAD = 0.03, math.radians(1.5)
 GATE_CHI2 = 9.0
 HYPOTHESES_MAX = 400
 TO_COMPLEX = np.array([1.0, 1.0j])
@@ -49,12 +49,16 @@ class Correspondence:
         The features, at the predicted pose.
     std_m : (M,)
         Standard deviation of a coordinate of a pair's difference.
+    turns_rad, turn_vars : (M,)
+        How far the predicted pose should turn for their headings to agree, and the variance.
     """
 
     features: IntArray
     landmarks: IntArray
     placed_m: FloatArray
     std_m: FloatArray
+    turns_rad: FloatArray
+    turn_vars: FloatArray
 
     def __len__(self) -> int:
         return len(self.features)
@@ -77,13 +81,17 @@ def correspond(
     off = landmarks.points_m - seen.points_m[:, None]
     is_candidate = (off**2).sum(axis=-1) < reach_m[:, None] ** 2
     is_candidate &= seen.kinds[:, None] == landmarks.kinds
+    ahead = wrap_rad(landmarks.headings_rad - seen.headings_rad[:, None])
+    ahead_var = seen.heading_vars[:, None] + landmarks.heading_vars + FLOOR_STD_RAD**2
+    is_candidate &= np.abs(ahead) < turn_max + PRIOR_STDS * np.sqrt(ahead_var)
     f, m = np.nonzero(is_candidate)  # C candidate pairs, by feature
     if not len(f):
-        return _pairs(f, m, seen, np.zeros((0, 2, 2)))
+        return _pairs(f, m, seen, np.zeros((0, 2, 2)), ahead[f, m], ahead_var[f, m])
+    ahead, ahead_var = ahead[f, m], ahead_var[f, m]  # (C,)
     spread = seen.covariances[f] + landmarks.covariances[m] + np.eye(2) * FLOOR_STD_M**2
     here = (seen.points_m[f] - pose[:2]) @ TO_COMPLEX
     there = (landmarks.points_m[m] - pose[:2]) @ TO_COMPLEX
-    turns, shifts = _hypotheses(f, m, here, there, turn_max)
+    turns, shifts = _hypotheses(f, m, here, there, turn_max, np.where(ahead_var < 1.0, ahead, 0.0))
     is_near = np.abs(shifts) < shift_max
     turns, shifts = turns[is_near], shifts[is_near]
     moved = here * np.exp(1j * turns)[:, None] + shifts[:, None]  # (H, C)
@@ -93,6 +101,7 @@ def correspond(
         weight[:, 0, 0] * miss.real**2
         + 2.0 * weight[:, 0, 1] * miss.real * miss.imag
         + weight[:, 1, 1] * miss.imag**2
+        + wrap_rad(ahead - turns[:, None]) ** 2 / ahead_var
     )
     first = np.flatnonzero(np.concatenate([[True], np.diff(f) > 0]))
     found = np.maximum.reduceat(np.maximum(0.0, 1.0 - chi2 / GATE_CHI2), first, axis=1)
@@ -107,11 +116,16 @@ def correspond(
         if all(f[k] != f[other] and m[k] != m[other] for other in kept):
             kept.append(k)
     index = np.array(sorted(kept), dtype=np.int64)
-    return _pairs(f[index], m[index], seen, spread[index])
+    return _pairs(f[index], m[index], seen, spread[index], ahead[index], ahead_var[index])
 
 
 def _hypotheses(
-    f: IntArray, m: IntArray, here: Complex, there: Complex, turn_max: float
+    f: IntArray,
+    m: IntArray,
+    here: Complex,
+    there: Complex,
+    turn_max: float,
+    ahead: FloatArray,
 ) -> tuple[FloatArray, Complex]:
     """Turns (H,) about the base and shifts (H,) of it: none, by one pair, by two pairs.
 
@@ -130,15 +144,24 @@ def _hypotheses(
         one, two, turns = one[spaced], two[spaced], turns[spaced]
     shifts = 0.5 * (there[one] + there[two] - np.exp(1j * turns) * (here[one] + here[two]))
     return (
-        np.concatenate([np.zeros(1 + len(f)), turns]),
-        np.concatenate([[0.0], there - here, shifts]),
+        np.concatenate([[0.0], ahead, turns]),
+        np.concatenate([[0.0], there - np.exp(1j * ahead) * here, shifts]),
     )
 
 
-def _pairs(f: IntArray, m: IntArray, seen: Features, spread: FloatArray) -> Correspondence:
+def _pairs(
+    f: IntArray,
+    m: IntArray,
+    seen: Features,
+    spread: FloatArray,
+    ahead: FloatArray,
+    ahead_var: FloatArray,
+) -> Correspondence:
     return Correspondence(
         features=f,
         landmarks=m,
         placed_m=seen.points_m[f],
         std_m=np.sqrt(0.5 * np.trace(spread, axis1=1, axis2=2)),
+        turns_rad=ahead,
+        turn_vars=ahead_var,
     )

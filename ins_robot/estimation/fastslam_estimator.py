@@ -102,12 +102,18 @@ class FastSlamEstimator:
         weighted = innovations.by_pose.swapaxes(-1, -2) @ weight  # (P, F, 3, 2)
         information = (weighted @ innovations.by_pose).sum(axis=1)
         push = (weighted @ innovations.error[..., None])[..., 0].sum(axis=1)
+        turn, turn_var = self._maps.turns(at, sightings, chosen)
+        turn_weight = (chosen >= 0) / turn_var
+        information[:, 2, 2] += turn_weight.sum(axis=1)
+        push[:, 2] += (turn_weight * turn).sum(axis=1)
         self._filter.draw(at, information, push)
 
     def _log_likelihoods(self, sightings: Sightings, chosen: IntArray) -> FloatArray:
         """(P,) of the features that any particle knows; one that does not is far off."""
         innovations = self._maps.innovations(self._filter.poses, sightings, chosen)
-        chi2 = np.where(chosen >= 0, np.minimum(innovations.chi2(), GATE_CHI2), GATE_CHI2)
+        turn, turn_var = self._maps.turns(self._filter.poses, sightings, chosen)
+        chi2 = innovations.chi2() + turn**2 / turn_var
+        chi2 = np.where(chosen >= 0, np.minimum(chi2, GATE_CHI2), GATE_CHI2)
         wider = np.linalg.slogdet(innovations.covariance)[1]
         wider = wider - np.linalg.slogdet(sightings.covariances)[1]
         terms = -0.5 * (chi2 + np.where(chosen >= 0, wider, 0.0))

@@ -23,6 +23,7 @@ APART_M = 0.25
 SEEN_OFTEN, PATIENCE = 3, 40  # what was seen less often, scans ago, was chance
 NEW, UNCLEAR = -1, -2  # instead of a slot
 NO_KIND = -1
+TURN_CHI2, TURN_STD_RAD = 11.0, 0.03  # what points elsewhere is something else
 RANGE_STD_M = 0.02  # what a landmark is off, apart from its covariance ...
 BEARING_STD_RAD = 0.008  # ... seen along and across
 DISTANCE_MIN_M = 0.05
@@ -87,6 +88,8 @@ class LandmarkMaps:
     covariances : (P, L, 2, 2)
     kinds : (P, L) int64
         `FeatureKind`, NO_KIND where the slot is free.
+    headings_rad, heading_vars : (P, L)
+        As those of features.
     seen : (P, L) int64
         How often.
     """
@@ -95,6 +98,8 @@ class LandmarkMaps:
         self.points_m = np.zeros((particles, capacity, 2))
         self.covariances = np.zeros((particles, capacity, 2, 2))
         self.kinds = np.full((particles, capacity), NO_KIND)
+        self.headings_rad = np.zeros((particles, capacity))
+        self.heading_vars = np.ones((particles, capacity))
         self.seen = np.zeros((particles, capacity), dtype=np.int64)
         self._seen_at = np.zeros((particles, capacity), dtype=np.int64)
         self._scans = 0
@@ -114,6 +119,8 @@ class LandmarkMaps:
             points_m=self.points_m[particle, slots],
             covariances=self.covariances[particle, slots],
             kinds=self.kinds[particle, slots],
+            headings_rad=self.headings_rad[particle, slots],
+            heading_vars=self.heading_vars[particle, slots],
         )
 
     def associate(
@@ -123,8 +130,8 @@ class LandmarkMaps:
 
         `doubt` (3, 3) is the covariance of each particle's pose.
         """
-        particles, features = len(poses), len(sightings.polar)
-        chosen = np.full((particles, features), NEW)
+        particles = len(poses)
+        chosen = np.full((particles, len(sightings.polar)), NEW)
         if not len(slots):
             return chosen
         points = self.points_m[:, slots]
@@ -139,7 +146,12 @@ class LandmarkMaps:
         chi2 = innovations.chi2()  # (P, F, N)
         placed = transform_points(poses, sightings.features.points_m)
         distance = np.hypot(*np.moveaxis(placed[:, :, None] - points[:, None], -1, 0))
-        other = self.kinds[:, slots][:, None] != sightings.features.kinds[:, None]
+        features = sightings.features
+        other = self.kinds[:, slots][:, None] != features.kinds[:, None]
+        headings = features.headings_rad + poses[:, 2, None]
+        turn = wrap_rad(headings[..., None] - self.headings_rad[:, slots][:, None])
+        turn_var = features.heading_vars[:, None] + self.heading_vars[:, slots][:, None]
+        other |= turn**2 > TURN_CHI2 * (turn_var + doubt[2, 2] + TURN_STD_RAD**2)
         chi2[other] = np.inf
         distance[other] = np.inf
         is_apart = (chi2.min(axis=2) > APART_CHI2) & (distance.min(axis=2) > APART_M)
@@ -170,6 +182,15 @@ class LandmarkMaps:
             np.zeros((3, 3)),
         )
 
+    def turns(
+        self, poses: FloatArray, sightings: Sightings, chosen: IntArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """(P, F) how far each pose should turn for a landmark's heading, and the variance."""
+        rows = np.arange(len(poses))[:, None]
+        seen_rad = sightings.features.headings_rad + poses[:, 2, None]
+        turn = wrap_rad(self.headings_rad[rows, chosen] - seen_rad)
+        return turn, sightings.features.heading_vars + self.heading_vars[rows, chosen]
+
     def learn(
         self, poses: FloatArray, sightings: Sightings, chosen: IntArray, doubt: FloatArray
     ) -> None:
@@ -192,6 +213,10 @@ class LandmarkMaps:
         smaller = covariance - K @ H @ covariance
         smaller = 0.5 * (smaller + smaller.swapaxes(1, 2)) + np.eye(2) * VARIANCE_FLOOR_M2 * 0.1
         self.covariances[particle, slot] = smaller
+        turn, turn_var = (of_all[particle, feature] for of_all in self.turns(poses, sightings, chosen))
+        gain = self.heading_vars[particle, slot] / (turn_var + doubt[2, 2])
+        self.headings_rad[particle, slot] -= gain * turn
+        self.heading_vars[particle, slot] *= 1.0 - gain
         self.seen[particle, slot] += 1
         self._seen_at[particle, slot] = self._scans
         is_chance = (self.seen < SEEN_OFTEN) & (self._scans - self._seen_at > PATIENCE)
@@ -217,12 +242,17 @@ class LandmarkMaps:
             self.points_m[rows, slot] = placed[rows, feature]
             self.covariances[rows, slot] = spread + lever @ doubt @ lever.swapaxes(1, 2)
             self.kinds[rows, slot] = features.kinds[feature]
+            self.headings_rad[rows, slot] = features.headings_rad[feature] + poses[rows, 2]
+            self.heading_vars[rows, slot] = features.heading_vars[feature] + doubt[2, 2]
             self.seen[rows, slot] = 1
             self._seen_at[rows, slot] = self._scans
 
     def take(self, particles: IntArray) -> None:
         """Resampled: particle i has now the map that `particles[i]` had."""
-        for name in ("points_m", "covariances", "kinds", "seen", "_seen_at"):
+        for name in (
+            *("points_m", "covariances", "kinds", "headings_rad", "heading_vars"),
+            *("seen", "_seen_at"),
+        ):
             setattr(self, name, getattr(self, name)[particles])
 
     def carry(self, new_from_old: FloatArray) -> None:
@@ -231,6 +261,7 @@ class LandmarkMaps:
         c, s = np.cos(new_from_old[2]), np.sin(new_from_old[2])
         turn = np.array([[c, -s], [s, c]])
         self.covariances = turn @ self.covariances @ turn.T
+        self.headings_rad = self.headings_rad + new_from_old[2]
 
 
 def _innovations(

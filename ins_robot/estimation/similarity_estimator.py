@@ -32,6 +32,7 @@ REACH_M = FEATURE_REACH_M + 2.0
 PAIRS_MIN = 2
 SCALE_OFF_MAX, SCALE_STDS = 0.03, 4.0
 FIX_STD_MIN = np.array([0.005, 0.005, math.radians(0.15)])
+HEADING_VAR_MAX = math.radians(5.0) ** 2
 SURPRISE_MAX = 16.3  # 99.9 % of a chi-squared of three
 
 
@@ -60,6 +61,7 @@ class SimilarityEstimator:
         pairs = correspond(sightings.features, known, pose, covariance)
         fix = _fix(pairs, known.points_m[pairs.landmarks], pose)
         is_fixed = fix is not None and self._fuse(*fix, pose, covariance)
+        is_fixed |= self._turn(pairs, pose)
         here = self.pose()[None]
         chosen = self._objects.associate(here, sightings, slots, self.covariance())
         self._objects.learn(here, sightings, chosen, self.covariance())
@@ -93,6 +95,27 @@ class SimilarityEstimator:
         better[2] = wrap_rad(float(better[2]))
         self._odometry.set(better, K @ noise)  # (I - K) P = K R
         self._doubtful.set(better, K @ noise)
+        return True
+
+
+    def _turn(self, pairs: Correspondence, predicted: FloatArray) -> bool:
+        """Set the heading right by that of the features; False when there is none."""
+        if not len(pairs):
+            return False
+        weights = 1.0 / pairs.turn_vars
+        noise = 1.0 / float(weights.sum())
+        turn = noise * float(weights @ pairs.turns_rad)
+        pose, covariance = self.pose(), self._doubtful.covariance()
+        off = wrap_rad(predicted[2] + turn - pose[2])
+        total = float(covariance[2, 2]) + noise
+        if noise > HEADING_VAR_MAX or off**2 > SURPRISE_MAX * total:
+            return False
+        K = covariance[:, 2] / total
+        better = pose + K * off
+        better[2] = wrap_rad(float(better[2]))
+        smaller = covariance - np.outer(K, covariance[2])
+        self._odometry.set(better, smaller)
+        self._doubtful.set(better, smaller)
         return True
 
 

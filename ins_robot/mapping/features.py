@@ -10,12 +10,12 @@ readings beside them, so their covariance (2, 2) is that of the fits and of the 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from enum import IntEnum
 
 import numpy as np
 
-from ins_robot.geometry.angles import FloatArray
+from ins_robot.geometry.angles import FloatArray, wrap_rad
 from ins_robot.geometry.pose2 import Pose2
 from ins_robot.mapping.line_fits import LineFits, intersect
 from ins_robot.mapping.occupancy_grid import BoolArray, IntArray
@@ -35,18 +35,21 @@ ROUND_DEPTH = 0.39  # of its width: the middle of a round thing lies this far be
 GRAZING_SIN = 0.15  # a line seen flatter than this ends anywhere
 OFF_LINE_M = 0.15  # what goes on behind an edge in the same line is the same wall
 STD_MIN_M = 0.01
+HEADING_STD_MIN_RAD = math.radians(1.0)
+NO_HEADING_VAR = 100.0
 
 
 class FeatureKind(IntEnum):
     """What a feature is; only the same kinds are taken for the same thing.
 
-    A corner that stands out looks like the end of a wall from where one of its sides is hidden,
-    so the two are one kind.
+    A corner that stands out is a wall end from where one of its sides is hidden; a map then
+    has it twice.
     """
 
     INNER_CORNER = 0
     OUTER_CORNER = 1
-    OBJECT = 2
+    WALL_END = 2
+    OBJECT = 3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -59,11 +62,16 @@ class Features:
     covariances : (F, 2, 2)
     kinds : (F,) int64
         Values of `FeatureKind`.
+    headings_rad, heading_vars : (F,)
+        Where it points, with its variance: a corner between its walls, an end into its wall;
+        an object nowhere, its variance is NO_HEADING_VAR.
     """
 
     points_m: FloatArray
     covariances: FloatArray
     kinds: IntArray
+    headings_rad: FloatArray
+    heading_vars: FloatArray
 
     def __len__(self) -> int:
         return len(self.points_m)
@@ -76,15 +84,13 @@ class Features:
             points_m=pose.apply(self.points_m),
             covariances=turn @ self.covariances @ turn.T,
             kinds=self.kinds,
+            headings_rad=wrap_rad(self.headings_rad + pose.heading_rad),
+            heading_vars=self.heading_vars,
         )
 
     def take(self, index: IntArray | BoolArray) -> Features:
         """A part of them."""
-        return Features(
-            points_m=self.points_m[index],
-            covariances=self.covariances[index],
-            kinds=self.kinds[index],
-        )
+        return Features(**{f.name: getattr(self, f.name)[index] for f in fields(self)})
 
 
 def features_of_scan(scan: LaserScan, bearing_std_rad: float, reach_max_m: float) -> Features:
@@ -187,6 +193,8 @@ def _objects(signal: _Signal) -> tuple[Features, BoolArray]:
         points_m=rays * depth[:, None],
         covariances=var[:, None, None] * np.eye(2),
         kinds=np.full(len(starts), int(FeatureKind.OBJECT)),
+        headings_rad=np.zeros(len(starts)),
+        heading_vars=np.full(len(starts), NO_HEADING_VAR),
     ).take(signal.is_core[starts])
     return features, np.cumsum(is_in)[:-1] > 0
 
@@ -222,7 +230,9 @@ def _wall_ends(signal: _Signal, is_in_object: BoolArray) -> Features:
     return Features(
         points_m=lines.centres_m + along * at_m[:, None],
         covariances=covariances,
-        kinds=np.full(len(near), int(FeatureKind.OUTER_CORNER)),
+        kinds=np.full(len(near), int(FeatureKind.WALL_END)),
+        headings_rad=np.arctan2(-along[:, 1], -along[:, 0]),
+        heading_vars=lines.heading_vars + HEADING_STD_MIN_RAD**2,
     )
 
 
@@ -244,12 +254,16 @@ def _corners(signal: _Signal, is_in_object: BoolArray) -> Features:
         if all(math.dist(points[k], points[b]) > CORNER_APART_M for b in best):
             best.append(k)
     chosen = np.array(best, dtype=np.int64)
-    middle = 0.5 * (one.centres_m[chosen] + other.centres_m[chosen])
-    is_inner = ((points[chosen] - middle) * points[chosen]).sum(axis=1) > 0.0
+    points, covariances = points[chosen], covariances[chosen]
+    one, other = one.take(chosen), other.take(chosen)
+    between = one.away_from(points) + other.away_from(points)
+    is_inner = (between * points).sum(axis=1) < 0.0
     return Features(
-        points_m=points[chosen],
-        covariances=covariances[chosen],
+        points_m=points,
+        covariances=covariances,
         kinds=np.where(is_inner, int(FeatureKind.INNER_CORNER), int(FeatureKind.OUTER_CORNER)),
+        headings_rad=np.arctan2(between[:, 1], between[:, 0]),
+        heading_vars=0.25 * (one.heading_vars + other.heading_vars) + HEADING_STD_MIN_RAD**2,
     )
 
 
@@ -258,4 +272,6 @@ def _joined(parts: list[Features]) -> Features:
         points_m=np.concatenate([np.zeros((0, 2)), *(p.points_m for p in parts)]),
         covariances=np.concatenate([np.zeros((0, 2, 2)), *(p.covariances for p in parts)]),
         kinds=np.concatenate([np.zeros(0, dtype=np.int64), *(p.kinds for p in parts)]),
+        headings_rad=np.concatenate([np.zeros(0), *(p.headings_rad for p in parts)]),
+        heading_vars=np.concatenate([np.zeros(0), *(p.heading_vars for p in parts)]),
     )

@@ -95,6 +95,16 @@ class LineFits:
         distance: FloatArray = (self.normals * (points_m - self.centres_m)).sum(axis=1)
         return distance
 
+    @property
+    def heading_vars(self) -> FloatArray:
+        """(K,) variance of the direction."""
+        return self.var_m2 / self.along_m2
+
+    def away_from(self, points_m: FloatArray) -> FloatArray:
+        """(K, 2) each direction, from a point (K, 2) on the line towards its middle."""
+        side = ((self.centres_m - points_m) * self.directions).sum(axis=1)
+        return self.directions * np.where(side < 0.0, -1.0, 1.0)[:, None]
+
     def var_at(self, along_m: FloatArray) -> FloatArray:
         """(K,) variance of the line's place across, that far from its middle."""
         return self.var_m2 * (1.0 / self.counts + along_m**2 / self.along_m2)
