@@ -91,7 +91,9 @@ def correspond(
     spread = seen.covariances[f] + landmarks.covariances[m] + np.eye(2) * FLOOR_STD_M**2
     here = (seen.points_m[f] - pose[:2]) @ TO_COMPLEX
     there = (landmarks.points_m[m] - pose[:2]) @ TO_COMPLEX
-    turns, shifts = _hypotheses(f, m, here, there, turn_max, np.where(ahead_var < 1.0, ahead, 0.0))
+    turns, shifts = _hypotheses(
+        f, m, here, there, turn_max, np.where(ahead_var < 1.0, ahead, 0.0)
+    )
     is_near = np.abs(shifts) < shift_max
     turns, shifts = turns[is_near], shifts[is_near]
     moved = here * np.exp(1j * turns)[:, None] + shifts[:, None]  # (H, C)

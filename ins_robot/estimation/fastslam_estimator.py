@@ -15,21 +15,19 @@ from typing import ClassVar
 import numpy as np
 
 from ins_robot.config import SlamConfig
-from ins_robot.errors import DegenerateGeometryError
 from ins_robot.estimation.correspondence import correspond
 from ins_robot.estimation.landmarks import GATE_CHI2, LandmarkMaps, Sightings
 from ins_robot.estimation.particle_filter import ParticleFilter
+from ins_robot.estimation.pose_fix import fix_pose
 from ins_robot.estimation.protocol import FEATURE_REACH_M, Correction, Observation
-from ins_robot.estimation.similarity import fit_similarity
 from ins_robot.geometry.angles import FloatArray
-from ins_robot.geometry.pose2 import Pose2, between, compose
+from ins_robot.geometry.pose2 import between, compose
 from ins_robot.mapping.occupancy_grid import IntArray
 from ins_robot.messages import MotionIncrement
 
 LANDMARKS_MAX = 512
 REACH_M = FEATURE_REACH_M + 2.0
-PAIRS_MIN = 2
-AFTER_FIX = np.diag([0.05**2, 0.05**2, math.radians(1.5) ** 2])
+AFTER_FIX = np.diag([0.03**2, 0.03**2, math.radians(1.0) ** 2])  # apart from the fix's own
 SURE = np.zeros((3, 3))  # a particle knows its pose
 
 
@@ -42,6 +40,8 @@ class FastSlamEstimator:
         self._resample_below = config.resample_below
         self._filter = ParticleFilter(config.particles, np.zeros(3), rng)
         self._maps = LandmarkMaps(config.particles, LANDMARKS_MAX)
+        self._paths: list[FloatArray] = []  # (P, 3) at each node
+        self._is_resampled = False
 
     def predict(self, motion: MotionIncrement) -> None:
         """Take a motion in."""
@@ -59,14 +59,32 @@ class FastSlamEstimator:
             self._filter.reweigh(self._log_likelihoods(sightings, chosen))
         self._maps.learn(self._filter.poses, sightings, chosen, SURE)
         drawn = self._filter.resample_below(self._resample_below)
+        self._is_resampled = drawn is not None
         if drawn is not None:
             self._maps.take(drawn)
+            self._paths = [poses[drawn] for poses in self._paths]
         return Correction() if is_known else None
+
+    def keep_node(self) -> None:
+        """Every particle remembers the node where it was itself."""
+        self._paths.append(self._filter.poses.copy())
+
+    def moved_nodes(self) -> FloatArray | None:
+        """(K, 3) by the particles that are left: their past is the past that fits best."""
+        if not self._is_resampled or not self._paths:
+            return None
+        paths = np.stack(self._paths, axis=1)  # (P, K, 3)
+        mean = paths.mean(axis=0)
+        mean[:, 2] = np.arctan2(
+            np.sin(paths[..., 2]).mean(axis=0), np.cos(paths[..., 2]).mean(axis=0)
+        )
+        return np.asarray(mean)
 
     def carry(self, new_from_old: FloatArray) -> None:
         """Move with the map."""
         self._filter.carry(new_from_old)
         self._maps.carry(new_from_old)
+        self._paths = [compose(new_from_old, poses) for poses in self._paths]
 
     def pose(self) -> FloatArray:
         """(3,)."""
@@ -85,16 +103,10 @@ class FastSlamEstimator:
         best = int(np.argmax(self._filter.log_weights))
         known = self._maps.of(best, self._maps.near(moved[best], REACH_M, best))
         pairs = correspond(sightings.features, known, moved[best], doubt)
-        if len(pairs) < PAIRS_MIN:
+        fix = fix_pose(pairs, known.points_m[pairs.landmarks], moved[best], doubt)
+        if fix is None:
             return moved, doubt
-        try:
-            fit = fit_similarity(
-                pairs.placed_m, known.points_m[pairs.landmarks], pairs.std_m, fixed_scale=1.0
-            )
-        except DegenerateGeometryError:
-            return moved, doubt
-        fixed = fit.transform.apply_to_pose(Pose2.from_array(moved[best])).as_array()
-        return compose(moved, between(moved[best], fixed)), AFTER_FIX
+        return compose(moved, between(moved[best], fix.pose)), fix.covariance + AFTER_FIX
 
     def _draw(self, at: FloatArray, sightings: Sightings, chosen: IntArray) -> None:
         innovations = self._maps.innovations(at, sightings, chosen)

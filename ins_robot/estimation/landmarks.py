@@ -213,7 +213,9 @@ class LandmarkMaps:
         smaller = covariance - K @ H @ covariance
         smaller = 0.5 * (smaller + smaller.swapaxes(1, 2)) + np.eye(2) * VARIANCE_FLOOR_M2 * 0.1
         self.covariances[particle, slot] = smaller
-        turn, turn_var = (of_all[particle, feature] for of_all in self.turns(poses, sightings, chosen))
+        turn, turn_var = (
+            of_all[particle, feature] for of_all in self.turns(poses, sightings, chosen)
+        )
         gain = self.heading_vars[particle, slot] / (turn_var + doubt[2, 2])
         self.headings_rad[particle, slot] -= gain * turn
         self.heading_vars[particle, slot] *= 1.0 - gain

@@ -45,6 +45,13 @@ class OdometryEstimator:
         """Go on from here: somebody knew better."""
         self._pose, self._covariance = pose.copy(), covariance.copy()
 
+    def keep_node(self) -> None:
+        """Nodes are left to the map."""
+
+    def moved_nodes(self) -> FloatArray | None:
+        """Nodes are left to the map."""
+        return None
+
     def carry(self, new_from_old: FloatArray) -> None:
         """Move with the map."""
         self._pose = compose(new_from_old, self._pose)

@@ -61,6 +61,13 @@ class ParticleEstimator:
         self._filter.resample_below(self._config.resample_below)
         return Correction(match=match)
 
+    def keep_node(self) -> None:
+        """Nodes are left to the map."""
+
+    def moved_nodes(self) -> FloatArray | None:
+        """Nodes are left to the map."""
+        return None
+
     def carry(self, new_from_old: FloatArray) -> None:
         """Move with the map."""
         self._filter.carry(new_from_old)

@@ -73,6 +73,12 @@ class Estimator(Protocol):
     def correct(self, observation: Observation) -> Correction | None:
         """Take a scan in; None when the pose did not use it."""
 
+    def keep_node(self) -> None:
+        """The map got a node here."""
+
+    def moved_nodes(self) -> FloatArray | None:
+        """(K, 3) where the nodes are, if the last scan changed that; otherwise None."""
+
     def carry(self, new_from_old: FloatArray) -> None:
         """The map under the robot was moved."""
 

@@ -145,7 +145,12 @@ class Slam:
             surfels.spread_out(SURFEL_SPACING_M, SCAN_SURFELS_MAX),
             self._field_around,
         )
-        return self._estimator.correct(observation)
+        correction = self._estimator.correct(observation)
+        moved = self._estimator.moved_nodes()
+        if moved is not None:
+            self._nodes.graph.poses[:] = moved
+            self._field = None
+        return correction
 
     def _field_around(self) -> LikelihoodField | None:
         """The local map, drawn again when the robot has left the middle of the last one."""
@@ -179,6 +184,7 @@ class Slam:
             self._nodes.link_motion(node - 1, node, self._since_node, match is not None)
         if match is not None:
             self._nodes.link_match(node, pose, match)
+        self._estimator.keep_node()
         self._since_node = None
         self._field = None
         self._linked = [node]
