@@ -25,7 +25,8 @@ PAIRS_MIN = 2
 SPREAD_STDS_MIN = 2.0  # the points must spread further than their middle errs, this many times
 ITERATIONS = 60
 ROUNDS = 5  # of refusing outliers
-CONVERGED = 1e-9  # relative change of the transform
+COINCIDENT_M2 = 1e-12  # relative to the points' distance from the origin
+CONVERGED = 1e-7  # relative change of the transform
 ERROR_FLOOR = 1e-9  # of a deviation or a metre: weights are one over the error
 OUTLIER_STDS = 4.0
 MEDIAN_OF_RAYLEIGH = math.sqrt(
@@ -137,6 +138,8 @@ def _least_absolute(
     left: Complex, right: Complex, deviations: FloatArray, fixed_scale: float | None
 ) -> tuple[complex, complex]:
     """Multiplier m = lambda e^(i alpha) and t of the least sum of absolute errors."""
+    _refuse_coincident(left, "l")
+    _refuse_coincident(right, "r")
     weights = 1.0 / deviations**2
     m, t = _least_squares(left, right, weights, fixed_scale)
     for _ in range(ITERATIONS):
@@ -155,22 +158,23 @@ def _least_squares(
     left: Complex, right: Complex, weights: FloatArray, fixed_scale: float | None
 ) -> tuple[complex, complex]:
     """Umeyama's closed form, weighted; with complex numbers there are no reflections."""
-    total = float(weights.sum())
-    l_mean, r_mean = complex(weights @ left) / total, complex(weights @ right) / total
-    l_off, r_off = left - l_mean, right - r_mean
-    spread = float(weights @ np.abs(l_off) ** 2)
-    product = complex(weights @ (l_off.conj() * r_off))
-    extent_m2 = float(np.mean(np.abs(l_off) ** 2))
-    size_m2 = float(np.mean(np.abs(left) ** 2)) + 1e-12
-    if extent_m2 < 1e-12 * size_m2 or abs(product) < 1e-12 * spread:
-        raise DegenerateGeometryError(
-            f"coincident: the {len(left)} points of a set lie within "
-            f"{math.sqrt(extent_m2):.2g} m of one another, which has no direction and no scale"
-        )
-    m = product / spread
+    total = weights.sum()
+    l_mean, r_mean = (weights @ left) / total, (weights @ right) / total
+    l_off = left - l_mean
+    weighted = weights * l_off.conj()
+    m = complex((weighted @ (right - r_mean)) / (weighted @ l_off).real)
     if fixed_scale is not None:
         m *= fixed_scale / abs(m)
-    return m, r_mean - m * l_mean
+    return m, complex(r_mean - m * l_mean)
+
+
+def _refuse_coincident(points: Complex, whose: str) -> None:
+    extent_m2 = float(np.mean(np.abs(points - points.mean()) ** 2))
+    if extent_m2 <= COINCIDENT_M2 * float(np.mean(np.abs(points) ** 2)):
+        raise DegenerateGeometryError(
+            f"coincident: the {len(points)} points of {whose} lie within "
+            f"{math.sqrt(extent_m2):.2g} m of one another, which has no direction and no scale"
+        )
 
 
 def _unit_variance(errors_m: FloatArray, deviations: FloatArray) -> float:

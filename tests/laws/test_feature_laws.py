@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from ray_world import RING, ROOM, box, full_turn, scan_at
 
+from ins_robot.geometry.angles import wrap_rad
 from ins_robot.geometry.pose2 import Pose2
 from ins_robot.mapping.features import FeatureKind, Features, features_of_scan
 
@@ -60,14 +61,18 @@ def test_moved_robots_see_the_same_features_in_the_same_places():
     for i, one in enumerate(scans):
         for other in scans[i + 1 :]:
             gaps = np.hypot(*(one.points_m[:, None] - other.points_m).transpose(2, 0, 1))
-            a, b = np.nonzero(gaps < 0.3)
+            a, b = np.nonzero((gaps < 0.3) & (one.kinds[:, None] == other.kinds))
             shared += len(a)
-            assert (one.kinds[a] == other.kinds[b]).all()
             miss = one.points_m[a] - other.points_m[b]
             spread = one.covariances[a] + other.covariances[b]
             chi2 = np.einsum("fi,fij,fj->f", miss, np.linalg.inv(spread), miss)
             assert (chi2 < 13.8).all()  # 99.9 %
-    assert shared > 40
+            turn = wrap_rad(one.headings_rad[a] - other.headings_rad[b])
+            is_same_side = np.abs(turn) < math.radians(45.0)  # ends have two
+            assert (is_same_side | (one.kinds[a] == FeatureKind.WALL_END)).all()
+            spread = one.heading_vars[a] + other.heading_vars[b]
+            assert (turn**2 < 13.8 * spread)[is_same_side].all()
+    assert shared > 30
 
 
 def test_most_of_what_a_room_has_is_found():
@@ -93,6 +98,8 @@ def test_the_seam_of_the_turn_hides_nothing():
     features = seen_from(walls, (0.0, 0.0, math.radians(45.0)))
     assert len(features) == 4
     assert (features.kinds == FeatureKind.INNER_CORNER).all()
+    inward = np.arctan2(-features.points_m[:, 1], -features.points_m[:, 0])
+    assert wrap_rad(features.headings_rad - inward) == pytest.approx(np.zeros(4), abs=0.04)
     assert np.abs(features.points_m) == pytest.approx(2.0, abs=0.03)
 
 
@@ -106,7 +113,7 @@ def test_kinds_are_told_apart():
         return [kinds(kind) for kind in features.kinds[near]]
 
     assert at(1.05, 0.05) == [kinds.OBJECT]
-    assert at(1.5, -2.0) == [kinds.OUTER_CORNER]
+    assert at(1.5, -2.0) == [kinds.WALL_END]
     assert at(-4.0, 4.0) == [kinds.INNER_CORNER]
 
 

@@ -4,18 +4,21 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from ins_robot.estimation.correspondence import correspond
 from ins_robot.estimation.landmarks import NEW, UNCLEAR, LandmarkMaps, Sightings
+from ins_robot.geometry.angles import wrap_rad
 from ins_robot.geometry.pose2 import Pose2, between, compose
 from ins_robot.mapping.features import Features
 
 SURE = np.zeros((3, 3))
 LANDMARKS = np.array([(2.0, 0.5), (-1.0, 2.0), (0.5, -2.5), (3.0, 3.0), (-2.0, -1.5)])
-KINDS = np.array([0, 0, 1, 1, 2])
+KINDS = np.array([0, 0, 1, 1, 3])
+HEADINGS = np.array([0.5, -2.0, 3.0, 1.0, 0.0])
 
 
 def features_from(pose, rng=None, points_m=LANDMARKS, kinds=KINDS, std_m=0.01):
@@ -23,7 +26,16 @@ def features_from(pose, rng=None, points_m=LANDMARKS, kinds=KINDS, std_m=0.01):
     if rng is not None:
         placed = placed + rng.normal(0.0, std_m, placed.shape)
     covariances = np.tile(np.eye(2) * std_m**2, (len(placed), 1, 1))
-    return Features(points_m=placed, covariances=covariances, kinds=kinds)
+    headings = np.resize(HEADINGS, len(placed)) - pose[2]
+    if rng is not None:
+        headings = headings + rng.normal(0.0, 0.02, len(placed))
+    return Features(
+        points_m=placed,
+        covariances=covariances,
+        kinds=kinds,
+        headings_rad=wrap_rad(headings),
+        heading_vars=np.full(len(placed), 0.02**2),
+    )
 
 
 def look(maps, poses, features, doubt=SURE):
@@ -59,6 +71,9 @@ def test_a_landmark_seen_often_becomes_right_and_sure():
     assert (maps.seen[0, :5] >= 57).all()
     assert (std < 0.02).all()
     assert (np.hypot(*off.T) < 4.0 * std).all()
+    turn = wrap_rad(maps.headings_rad[0, :5] - HEADINGS)
+    assert (np.abs(turn) < 4.0 * np.sqrt(maps.heading_vars[0, :5])).all()
+    assert (maps.heading_vars[0, :5] < 0.004**2).all()
 
 
 def test_a_landmark_is_taken_by_one_feature_and_kinds_do_not_mix():
@@ -66,10 +81,13 @@ def test_a_landmark_is_taken_by_one_feature_and_kinds_do_not_mix():
     origin = np.zeros((1, 3))
     look(maps, origin, features_from(origin[0]))
     twins = LANDMARKS[0] + np.array([[0.0, 0.0], [0.02, 0.0]])
-    chosen = look(maps, origin, features_from(origin[0], points_m=twins, kinds=KINDS[:2]))
+    seen = features_from(origin[0], points_m=twins, kinds=KINDS[:2])
+    chosen = look(maps, origin, replace(seen, headings_rad=np.full(2, HEADINGS[0])))
     assert chosen.tolist() == [[0, UNCLEAR]]
     swapped = features_from(origin[0], points_m=LANDMARKS[:1], kinds=np.array([2]))
     assert look(maps, origin, swapped).tolist() == [[NEW]]
+    turned = replace(features_from(origin[0]), headings_rad=HEADINGS + 1.0)
+    assert (look(maps, origin, turned) == NEW).all()
 
 
 def test_a_full_map_gives_up_the_least_seen():
