@@ -22,8 +22,8 @@ from ins_robot.mapping.occupancy_grid import BoolArray, IntArray
 from ins_robot.messages import LaserScan
 
 EDGE_M = 0.15  # a step of the range signal beyond this ...
-EDGE_SLOPE = 3.0  # ... plus that of a wall seen at 72 deg from its normal is an edge
-GAP_MAX_RAD = math.radians(4.5)  # readings further apart say nothing of what is between them
+EDGE_SLOPE = 2.0  # ... plus that of a wall seen at 63 deg from its normal is an edge
+GAP_MAX_RAD = math.radians(8.5)
 WINDOWS_M = (0.2, 0.4, 0.8, 1.2)  # lengths of the lines that are fitted; the longest good one
 WINDOW_MIN, WINDOW_MAX = 4, 40  # ... in readings on one side
 CORNER_SIN_MIN = math.sin(math.radians(35.0))
