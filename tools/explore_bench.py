@@ -31,6 +31,7 @@ from ins_robot.mapping.ray_cast import cast_rays
 from ins_robot.messages import LaserScan, PlannedPath
 from ins_robot.navigation.explorer import Drive, Explorer, Finished
 from ins_robot.navigation.planner import dense_points_m
+from ins_robot.sensing.range_error import range_std_m
 from ins_robot.simulation.seen_area import SeenArea
 from ins_robot.simulation.truth import coverage
 from ins_robot.simulation.visibility import visible_cells
@@ -79,7 +80,7 @@ class BenchRobot:
             np.minimum(ranges, self._lrf.range_max_m),
         )
         ranges[~np.isfinite(ranges)] = np.nan
-        std = self._lrf.range_std_floor_m + self._lrf.range_std_per_m2 * ranges**2
+        std = range_std_m(ranges, self._lrf.range_std_floor_m, self._lrf.range_std_per_m3)
         if self._noise is not None:
             ranges = ranges + std * self._noise.standard_normal(len(ranges))
             ranges[self._noise.random(len(ranges)) < DROP_OUT] = np.nan

@@ -24,6 +24,7 @@ from ins_robot.logs.sensor_log import LogRecord, OdometryNoise, SensorLog, beam_
 from ins_robot.logs.text_lines import Line, read_lines
 from ins_robot.messages import LaserScan
 from ins_robot.sensing.deskew import deskew
+from ins_robot.sensing.range_error import range_std_m
 
 WIDTHS = {"scan": 360, "dist": 2, "gyro_yaw": 1}
 NAMES = frozenset({*WIDTHS, "odom"})
@@ -40,7 +41,7 @@ XV11 = LrfConfig()  # the same family of range finders
 
 
 @dataclass(frozen=True, slots=True)
-class _Series:
+class Series:
     """Rows of one name in order of time: stamps (N,) and values (N, width)."""
 
     stamps_s: FloatArray
@@ -55,7 +56,7 @@ def read_botvac(path: Path) -> SensorLog:
     InputError
         With the line number, when a row is malformed or cut off; when a kind of row is missing.
     """
-    series = _read_series(path)
+    series = read_series(path)
     way = _Way(series["dist"], series["gyro_yaw"])
     records = [
         LogRecord(stamp_s=float(stamp_s), odom_from_base=Pose2.from_array(pose))
@@ -84,7 +85,14 @@ def _rows(path: Path) -> Iterator[Line]:
             yield Line(path, number, words, is_cut)
 
 
-def _read_series(path: Path) -> dict[str, _Series]:
+def read_series(path: Path) -> dict[str, Series]:
+    """The rows of each name of `WIDTHS`, as recorded but in order of time.
+
+    Raises
+    ------
+    InputError
+        As `read_botvac`.
+    """
     stamps_ns: dict[str, list[int]] = {name: [] for name in WIDTHS}
     values: dict[str, list[FloatArray]] = {name: [] for name in WIDTHS}
     for line in _rows(path):
@@ -111,14 +119,14 @@ def _read_series(path: Path) -> dict[str, _Series]:
     for name, stamps in stamps_ns.items():
         order = np.argsort(np.array(stamps), kind="stable")
         seconds = np.array(stamps)[order] * 1e-9
-        series[name] = _Series(seconds, np.array(values[name])[order])
+        series[name] = Series(seconds, np.array(values[name])[order])
     return series
 
 
 class _Way:
     """Pose by dead reckoning at any time: heading from the gyro, distance from the wheels."""
 
-    def __init__(self, wheels: _Series, gyro: _Series) -> None:
+    def __init__(self, wheels: Series, gyro: Series) -> None:
         self._stamps_s = gyro.stamps_s
         wheels_s, driven_m = wheels.stamps_s - WHEEL_DELAY_S, wheels.values
         rates = -(gyro.values[:, 0] - _gyro_bias(wheels_s, driven_m, gyro))
@@ -138,7 +146,7 @@ class _Way:
         return np.column_stack([x_m, y_m, wrap_rad(heading)])
 
 
-def _gyro_bias(wheels_s: FloatArray, driven_m: FloatArray, gyro: _Series) -> float:
+def _gyro_bias(wheels_s: FloatArray, driven_m: FloatArray, gyro: Series) -> float:
     """Mean rate while neither wheel turned; 0 when they always did."""
     moved_m = np.abs(np.diff(driven_m, axis=0)).max(axis=1)
     interval = np.searchsorted(wheels_s, gyro.stamps_s) - 1
@@ -157,7 +165,7 @@ def _scan_record(stamp_s: float, ranges_m: FloatArray, way: _Way) -> LogRecord:
         stamp_s=stamp_s,
         bearings_rad=beam_bearings_rad(beams, 2.0 * math.pi) + math.pi,
         ranges_m=ranges_m,
-        range_std_m=np.hypot(XV11.range_std_floor_m, XV11.range_std_per_m2 * ranges_m**2),
+        range_std_m=range_std_m(ranges_m, XV11.range_std_floor_m, XV11.range_std_per_m3),
         beam_offsets_s=offsets_s,
         range_max_m=XV11.range_max_m,
         rpm=60.0 / SWEEP_TIME_S,

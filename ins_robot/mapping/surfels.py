@@ -24,6 +24,8 @@ STRIDE_MAX = 8
 REACH_M = 0.12  # neighbours further away than this, plus a share of the range, do not vote
 REACH_PER_M = 0.045
 FLAT_RATIO = 0.12  # across / along spread below which a neighbourhood is a line
+NOISE_FACTOR = 2.0  # the spread of six voters is often this much over their variance
+NOISE_RATIO = 0.32  # a line is at least this much longer than its noise is wide
 VOTES_MIN = 2
 TILT_STD_MIN_RAD = 0.01
 ROUND_STD_M = 0.05  # an edge looks elsewhere from elsewhere
@@ -139,11 +141,15 @@ def surfels_of_scan(scan: LaserScan, bearing_std_rad: float, reach_max_m: float)
     along_rad = 0.5 * np.arctan2(2.0 * xy, xx - yy)
     normals = np.stack([-np.sin(along_rad), np.cos(along_rad)], axis=-1)
     normals *= np.where((normals * points).sum(axis=-1) > 0.0, -1.0, 1.0)[:, None]
-    is_flat = (votes.sum(axis=1) >= VOTES_MIN) & (across_var < FLAT_RATIO**2 * along_var)
+    # Noise is no bend: what it explains across a line does not speak against the line.
+    range_var = scan.range_std_m[used] ** 2
+    noise_var = np.minimum(NOISE_FACTOR * range_var, NOISE_RATIO**2 * along_var)
+    is_flat = (votes.sum(axis=1) >= VOTES_MIN) & (
+        across_var < FLAT_RATIO**2 * along_var + noise_var
+    )
 
     rays = np.stack([np.cos(bearings), np.sin(bearings)], axis=-1)
     cos_incidence = (normals * rays).sum(axis=-1)
-    range_var = scan.range_std_m[used] ** 2
     bearing_var = (ranges * bearing_std_rad) ** 2
     votes_var = np.maximum(across_var, range_var) / (along_var + 1e-12) / weight
     tilt_std = np.sqrt(votes_var + TILT_STD_MIN_RAD**2)

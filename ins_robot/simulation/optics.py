@@ -2,9 +2,10 @@
 """What the XV-11 sees of the simulated world: ranges, strengths and losses, beam by beam.
 
 Every beam is cast exactly, from where the body was at the beam's own time. The return grows
-weaker with the square of range, slanted incidence and dark surfaces; too weak ones are lost.
-Noise grows with the square of range (Konolige et al. 2008), edges give mixed pixels, and some
-beams are lost for no reason, in short runs. The wall's part of it is the same in every run.
+weaker with the square of range, slanted incidence and dark surfaces; too weak ones are lost,
+others are noisier (`sensing.range_error`). Edges give mixed pixels, and some beams are lost for
+no reason, in short runs. The wall's part of it is the same in every run. What the figures come
+from, and how near they are: `tools/compare_sensor.py`.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 from ins_robot.config import LrfConfig, SimulationConfig
 from ins_robot.geometry.angles import FloatArray
 from ins_robot.mapping.ray_cast import cast_rays
+from ins_robot.sensing.range_error import range_std_m
 from ins_robot.simulation.noise import Runs
 from ins_robot.simulation.robot_body import RobotBody
 from ins_robot.simulation.seen_area import SeenArea
@@ -30,19 +32,22 @@ BoolArray = NDArray[np.bool_]
 CODE_NO_RETURN = 0x02
 CODE_TOO_DIM = 0x21
 CODE_TOO_NEAR = 0x03
+_DROP_OUT_CODES = np.array([CODE_NO_RETURN, CODE_TOO_DIM, 0x35, CODE_TOO_NEAR, 0x25])
+_DROP_OUT_SHARES = np.array([0.22, 0.33, 0.33, 0.10, 0.02])  # of a real sensor in a box
 
 RANGE_NEAR_M = 0.15
 RANGE_FADES_M = 5.5
 RANGE_GONE_M = 6.5
-_STRENGTH_AT_1_M = 900.0
-"""Strength a white wall seen squarely at 1 m would give; near ones saturate below it."""
+_STRENGTH_AT_1_M = 180.0
+"""Strength of a white wall seen squarely at 1 m; a real sensor in a box: 76 to 104, r^-2."""
 _STRENGTH_MAX = 1000.0
-_STRENGTH_LOST = 5.0
-"""At this strength half of the beams are lost: a fair wall at 4 m seen at 81 deg."""
-_LOSS_STEEPNESS = 3
+_LOSS_STEEPNESS = 8
+"""A beam is lost or not: few in a real room come and go (Botvac: 7 % of the beams)."""
 _WEAK_FACING = 0.12
 """The warning: strength under this share of what is expected at that distance."""
-_WEAK_STD_FACTOR = 2.0
+_MIDDLING_FACING = 0.45
+"""The fitted growth of noise belongs to this; others: by the root, as photons are counted."""
+_FACING_MIN = 0.02
 _LOST_RUN_BEAMS = 2.5
 _EDGE_M = 0.15
 """Ranges of neighbours differ by this much more than on one slanted wall: an edge."""
@@ -94,7 +99,7 @@ class WorldOptics:
         self._body = body
         self._lrf = lrf
         self._simulation = simulation
-        self._surfaces = Surfaces(world)
+        self._surfaces = Surfaces(world, simulation.reflectivity_spread)
         self._rng, run_rng = rng.spawn(2)
         self._runs = Runs(run_rng, simulation.drop_out, _LOST_RUN_BEAMS)
         self._previous_m, self._previous_slope_m = RANGE_GONE_M, 0.0
@@ -105,12 +110,12 @@ class WorldOptics:
         wall = self._look(beams)
         facing = wall.incidence_cos * wall.reflectivity
         strength = _STRENGTH_AT_1_M * facing / np.maximum(wall.range_m, RANGE_NEAR_M) ** 2
-        lots = self._rng.random((4, facing.size))
-        code = self._losses(wall.range_m, strength, lots[0], lots[1])
+        lots = self._rng.random((5, facing.size))
+        code = self._losses(wall.range_m, strength, lots[0], lots[1], lots[4])
         is_valid = code == 0
         is_weak = facing < _WEAK_FACING
         range_m = self._mixed(wall, lots[2], lots[3])
-        range_m = range_m + self._noise(range_m, is_weak)
+        range_m = range_m + self._noise(range_m, facing)
         self._keep_seen(beams, wall.range_m, is_valid)
         has_strength = is_valid | (code == CODE_TOO_DIM)
         return OpticsReading(
@@ -152,15 +157,22 @@ class WorldOptics:
         )
 
     def _losses(
-        self, true_m: FloatArray, strength: FloatArray, far: FloatArray, dim: FloatArray
+        self,
+        true_m: FloatArray,
+        strength: FloatArray,
+        far: FloatArray,
+        dim: FloatArray,
+        why: FloatArray,
     ) -> NDArray[np.int64]:
-        """(N,) error codes, 0 for beams that come back; `far` and `dim` are uniform lots."""
-        # Half of the beams are lost at _STRENGTH_LOST, ever more below it.
-        odds = (strength / _STRENGTH_LOST) ** _LOSS_STEEPNESS
+        """(N,) error codes, 0 for beams that come back; the last three are uniform lots."""
+        # Half of the beams are lost at `strength_lost`, ever more below it.
+        odds = (strength / self._simulation.strength_lost) ** _LOSS_STEEPNESS
         code = np.zeros(true_m.size, dtype=np.int64)
         code[dim < self._simulation.drop_out_grazing / (1.0 + odds)] = CODE_TOO_DIM
         code[far * (RANGE_GONE_M - RANGE_FADES_M) < true_m - RANGE_FADES_M] = CODE_NO_RETURN
-        code[self._runs.draw(true_m.size)] = CODE_NO_RETURN
+        is_out = self._runs.draw(true_m.size)
+        kind = np.searchsorted(np.cumsum(_DROP_OUT_SHARES[:-1]), why[is_out], side="right")
+        code[is_out] = _DROP_OUT_CODES[kind]
         code[true_m < RANGE_NEAR_M] = CODE_TOO_NEAR
         return code
 
@@ -177,11 +189,12 @@ class WorldOptics:
         is_mixed = is_edge & (lot < self._simulation.mixed_pixels)
         return np.where(is_mixed, before_m + where * (true_m - before_m), true_m)
 
-    def _noise(self, range_m: FloatArray, is_weak: BoolArray) -> FloatArray:
-        """(N,) error that grows with the square of range; more on weak returns."""
-        floor, growth = self._simulation.range_std_floor_m, self._simulation.range_std_per_m2
-        std = np.hypot(floor, growth * range_m**2) * np.where(is_weak, _WEAK_STD_FACTOR, 1.0)
-        return std * self._rng.standard_normal(range_m.size)
+    def _noise(self, range_m: FloatArray, facing: FloatArray) -> FloatArray:
+        """(N,) error that grows with range; more where little light comes back."""
+        floor_m, growth = self._simulation.range_std_floor_m, self._simulation.range_std_per_m3
+        dimness = np.sqrt(_MIDDLING_FACING / np.maximum(facing, _FACING_MIN))
+        std_m = range_std_m(range_m, floor_m, growth * dimness)
+        return std_m * self._rng.standard_normal(range_m.size)
 
     def _keep_seen(self, beams: _Beams, true_m: FloatArray, is_valid: BoolArray) -> None:
         limit_m = self._lrf.range_max_m

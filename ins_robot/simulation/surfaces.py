@@ -18,15 +18,17 @@ from ins_robot.simulation.world import World
 
 _SMOOTHING_M = 0.1
 _PATCH_M = 0.15
-_REFLECTIVITY_MEAN = 0.55
-_REFLECTIVITY_STD = 0.28
-_REFLECTIVITY_RANGE = (0.01, 0.95)
+REFLECTIVITY_MEDIAN = 0.5
+_REFLECTIVITY_RANGE = (0.002, 0.95)
 
 
 class Surfaces:
-    """Fields over the cells of a world, looked up at the points where beams end."""
+    """Fields over the cells of a world, looked up at the points where beams end.
 
-    def __init__(self, world: World) -> None:
+    `spread` is the standard deviation of the natural logarithm of reflectivity.
+    """
+
+    def __init__(self, world: World, spread: float) -> None:
         scale = world.resolution_m
         blurred = ndimage.gaussian_filter(
             world.is_occupied.astype(np.float32), max(1.0, _SMOOTHING_M / scale), mode="nearest"
@@ -45,9 +47,9 @@ class Surfaces:
             _PATCH_M / scale,
             mode="wrap",
         )
-        texture *= _REFLECTIVITY_STD / max(float(texture.std()), 1e-9)
+        texture *= spread / max(float(texture.std()), 1e-9)
         self._reflectivity = np.clip(
-            texture + _REFLECTIVITY_MEAN, *_REFLECTIVITY_RANGE
+            REFLECTIVITY_MEDIAN * np.exp(texture), *_REFLECTIVITY_RANGE
         ).reshape(-1)
 
     def reflectivity(self, flat: np.ndarray) -> FloatArray:

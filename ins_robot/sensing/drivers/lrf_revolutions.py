@@ -15,7 +15,7 @@ from collections import deque
 import numpy as np
 
 from ins_robot.config import LrfConfig
-from ins_robot.geometry.angles import FloatArray, wrap_rad
+from ins_robot.geometry.angles import wrap_rad
 from ins_robot.messages import LaserScan
 from ins_robot.sensing.drivers.lrf_codec import (
     BEAMS_PER_PACKET,
@@ -24,6 +24,7 @@ from ins_robot.sensing.drivers.lrf_codec import (
     PACKETS_PER_TURN,
     PacketBatch,
 )
+from ins_robot.sensing.range_error import range_std_m
 
 _RPM_WINDOW = 31  # packets; the sensor repeats one wrong value up to 15 times
 _PACKETS_MIN = PACKETS_PER_TURN // 3  # fewer are no revolution: a slow XV-11 sends two per turn
@@ -161,7 +162,7 @@ class RevolutionAssembler:
         is_noisy = np.zeros((PACKETS_PER_TURN, BEAMS_PER_PACKET), dtype=bool)
         is_noisy[index] = is_weak
         ranges_m = ranges_m.ravel()[self._order]
-        std_m = range_std_m(ranges_m, config)
+        std_m = range_std_m(ranges_m, config.range_std_floor_m, config.range_std_per_m3)
         std_m[is_noisy.ravel()[self._order]] *= config.weak_return_factor
         beam_s = 60.0 / (BEAMS_PER_TURN * max(rpm, 1.0))
         last_beam = BEAMS_PER_PACKET * int(index[-1]) + BEAMS_PER_PACKET - 1
@@ -175,15 +176,3 @@ class RevolutionAssembler:
             rpm=rpm,
             valid_counts=np.isfinite(ranges_m).astype(np.int64),
         )
-
-
-def range_std_m(ranges_m: FloatArray, config: LrfConfig) -> FloatArray:
-    """Standard deviation of single readings, shape as `ranges_m`; NaN with the range.
-
-    The sensor triangulates, so its error grows with the square of range (Konolige et al.
-    2008): the root of floor^2 + (k r^2)^2.
-    """
-    std_m: FloatArray = np.hypot(
-        config.range_std_floor_m, config.range_std_per_m2 * ranges_m * ranges_m
-    )
-    return std_m

@@ -99,11 +99,11 @@ def test_no_error_code_becomes_a_distance() -> None:
     assert not scan.valid_counts.any()
 
 
-def test_noise_grows_with_the_square_of_range_and_for_weak_returns() -> None:
+def test_noise_grows_with_the_cube_of_range_and_for_weak_returns() -> None:
     near, far = one_turn(), one_turn(distance_mm=np.full((90, 4), 4000))
-    floor, k = CONFIG.range_std_floor_m, CONFIG.range_std_per_m2
+    floor, k = CONFIG.range_std_floor_m, CONFIG.range_std_per_m3
     assert near.range_std_m[0] == pytest.approx(math.hypot(floor, k))
-    assert far.range_std_m[0] == pytest.approx(math.hypot(floor, 16 * k))
+    assert far.range_std_m[0] == pytest.approx(math.hypot(floor, 64 * k))
     weak = one_turn(is_weak=np.ones((90, 4), dtype=bool))
     np.testing.assert_allclose(weak.range_std_m, CONFIG.weak_return_factor * near.range_std_m)
 

@@ -9,6 +9,7 @@ import pytest
 from ins_robot.config import LrfConfig
 from ins_robot.errors import DeviceError
 from ins_robot.messages import LaserScan
+from ins_robot.sensing.range_error import range_std_m
 from ins_robot.sensing.scan_filter import combine, is_at_speed, select_sector
 
 CONFIG = LrfConfig()
@@ -24,7 +25,7 @@ def revolution(
 ) -> LaserScan:
     ranges = np.array(ranges_m, dtype=float)
     count = len(ranges)
-    std_m = np.hypot(CONFIG.range_std_floor_m, CONFIG.range_std_per_m2 * ranges**2)
+    std_m = range_std_m(ranges, CONFIG.range_std_floor_m, CONFIG.range_std_per_m3)
     if weak >= 0:
         std_m[weak] *= CONFIG.weak_return_factor
     return LaserScan(
@@ -93,7 +94,7 @@ def test_combining_is_unbiased_for_any_number_of_revolutions() -> None:
 def test_the_error_shrinks_with_the_revolutions_but_not_below_the_floor() -> None:
     rng = np.random.default_rng(3)
     true_m, beams = 4.0, 400
-    std_m = CONFIG.range_std_per_m2 * true_m**2
+    std_m = CONFIG.range_std_per_m3 * true_m**3
     single = revolution([true_m]).range_std_m[0]
     previous = single
     for count in (2, 5, 20):
