@@ -389,7 +389,7 @@ class SimulationConfig:
     )
     drop_out: float = option(
         0.01,
-        "share of beams lost for no reason; XV-11 in a box 0.011",
+        "share of beams lost for no reason; XV-11 in a box 0.013",
         at_least=0.0,
         at_most=1.0,
     )

@@ -42,7 +42,7 @@ _STRENGTH_AT_1_M = 180.0
 """Strength of a white wall seen squarely at 1 m; a real sensor in a box: 76 to 104, r^-2."""
 _STRENGTH_MAX = 1000.0
 _LOSS_STEEPNESS = 8
-"""A beam is lost or not: few in a real room come and go (Botvac: 7 % of the beams)."""
+"""A beam is lost or not: few in a real room come and go (Botvac: 6 % of the beams)."""
 _WEAK_FACING = 0.12
 """The warning: strength under this share of what is expected at that distance."""
 _MIDDLING_FACING = 0.45
