@@ -29,6 +29,7 @@ MAP_STD_M = 0.015  # what a surfel of the map may be off, apart from its own noi
 KERNEL_STDS = 3.0  # Geman-McClure: residuals beyond this many deviations fade
 KERNEL_START = 3.0  # the kernel starts this much wider and narrows
 GATE_COS = 0.3  # surfaces that face apart by more do not correspond
+GATE_COS_ROUND = float(__import__("os").environ.get("GR", "0"))  # nor edges and legs seen from sides further apart
 CORRELATION = 5.0  # neighbouring beams err together: this many count as one
 ITERATIONS = 8
 CONVERGED_M = 2e-4
@@ -178,8 +179,9 @@ def _residuals(field: LikelihoodField, scan: Surfels, poses: FloatArray) -> _Res
     mx, my, nx, ny, var, tilt_var, flat = field.columns.take(surfel, axis=1)
     sx, sy = scan.normals[:, 0], scan.normals[:, 1]
     facing = c * (sx * nx + sy * ny) + s * (sx * ny - sy * nx)
-    # surfaces that face apart do not correspond; round ones face everywhere
-    is_matched = (surfel >= 0) & ((facing > GATE_COS) | (flat * scan.is_flat == 0.0))
+    # surfaces that face apart do not correspond: the two edges of a door post are a wall apart
+    least = np.where(flat * scan.is_flat == 0.0, GATE_COS_ROUND, GATE_COS)
+    is_matched = (surfel >= 0) & (facing > least)
     px -= mx
     py -= my
     is_round = 1.0 - flat

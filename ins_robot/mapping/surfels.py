@@ -39,7 +39,7 @@ class Surfels:
     ----------
     points_m : (N, 2)
     normals : (N, 2)
-        Unit vectors towards the side that was seen from.
+        Unit vectors towards the side that was seen from; of round ones straight to the viewer.
     is_flat : (N,) bool
         False: a round thing or an edge, without a direction to slide along.
     std_m : (N,)
@@ -149,6 +149,7 @@ def surfels_of_scan(scan: LaserScan, bearing_std_rad: float, reach_max_m: float)
     )
 
     rays = np.stack([np.cos(bearings), np.sin(bearings)], axis=-1)
+    normals = np.where(is_flat[:, None], normals, -rays)
     cos_incidence = (normals * rays).sum(axis=-1)
     bearing_var = (ranges * bearing_std_rad) ** 2
     votes_var = np.maximum(across_var, range_var) / (along_var + 1e-12) / weight
