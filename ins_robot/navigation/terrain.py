@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import distance_transform_edt
+from scipy.ndimage import binary_dilation, distance_transform_edt
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
 
@@ -209,7 +209,9 @@ def _ground_factors(
         is_unknown = is_unknown & ~grid.is_quiet
     is_open = is_free & (clearance >= needed)
     if is_unknown.any():
-        unknown_m = distance_transform_edt(~is_unknown, sampling=grid.resolution_m)
+        # A wall that nobody has hit yet may run through the last free cell before the unknown.
+        is_doubtful = binary_dilation(is_unknown) & ~grid.is_occupied
+        unknown_m = distance_transform_edt(~is_doubtful, sampling=grid.resolution_m)
         is_open &= unknown_m - 0.5 * grid.resolution_m >= body.radius_m
     factor[~is_open] = np.inf
     return factor
