@@ -13,8 +13,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ins_robot.estimation.motion_model import sample_motion, turned
-from ins_robot.estimation.odometry_trust import OdometryTrust
+from ins_robot.estimation.motion_model import REPEATED_ERRORS, sample_motion, turned
 from ins_robot.estimation.resampling import (
     effective_sample_size,
     normalise,
@@ -25,8 +24,6 @@ from ins_robot.geometry.angles import FloatArray, circular_mean_rad, wrap_rad
 from ins_robot.geometry.pose2 import compose
 from ins_robot.mapping.occupancy_grid import IntArray
 from ins_robot.messages import MotionIncrement
-
-UNKNOWN = np.diag([1.0, 1.0, 1.0])  # variance where a scan says nothing
 
 LogLikelihood = Callable[[FloatArray], FloatArray]
 VARIANCE_MIN = np.diag([1e-8, 1e-8, 1e-9])
@@ -46,7 +43,6 @@ class ParticleFilter:
         self.log_weights = np.zeros(count)
         self._moved = self.poses
         self._motion_covariance = VARIANCE_MIN
-        self._trust = OdometryTrust()
         self._rng = rng
 
     def predict(self, motion: MotionIncrement) -> None:
@@ -59,12 +55,11 @@ class ParticleFilter:
     def prior(self) -> tuple[FloatArray, FloatArray]:
         """Mean (3,) and covariance (3, 3) of the prediction, without its sampling noise."""
         mean, covariance = _moments(self._moved, normalise(self.log_weights))
-        return mean, covariance + self._trust.doubted(self._motion_covariance)
+        return mean, covariance + self._motion_covariance * REPEATED_ERRORS
 
     def weigh(self, match: Alignment, log_likelihood: LogLikelihood) -> None:
         """Draw each particle from motion times match instead; weigh it by the scan itself."""
-        self._learn_trust(match)
-        motion_information = np.linalg.inv(self._trust.doubted(self._motion_covariance))
+        motion_information = np.linalg.inv(self._motion_covariance * REPEATED_ERRORS)
         information = motion_information + match.information
         covariance = np.linalg.inv(information)
         ahead = _difference(self._moved, match.pose)  # each particle's motion mean
@@ -83,18 +78,9 @@ class ParticleFilter:
         )
         self.log_weights -= self.log_weights.max()
 
-    def _learn_trust(self, match: Alignment) -> None:
-        """What the scan alone found, against where the motion led."""
-        mean, cloud = _moments(self._moved, normalise(self.log_weights))
-        known = match.information + np.linalg.inv(UNKNOWN)
-        found = match.pose - np.linalg.solve(known, match.gradient)
-        self._trust.learn(
-            _difference(found, mean), self._motion_covariance, cloud + np.linalg.inv(known)
-        )
-
     def motion(self) -> tuple[FloatArray, FloatArray]:
         """(P, 3) where the motion leads each particle without noise; its covariance (3, 3)."""
-        return self._moved, self._trust.doubted(self._motion_covariance)
+        return self._moved, self._motion_covariance * REPEATED_ERRORS
 
     def draw(self, at: FloatArray, information: FloatArray, push: FloatArray) -> None:
         """Draw each particle from its motion times what it measured, and weigh the difference.

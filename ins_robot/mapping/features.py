@@ -23,7 +23,7 @@ from ins_robot.messages import LaserScan
 
 EDGE_M = 0.15  # a step of the range signal beyond this ...
 EDGE_SLOPE = 2.0  # ... plus that of a wall seen at 63 deg from its normal is an edge
-GAP_MAX_RAD = math.radians(8.5)
+GAP_MAX_RAD = math.radians(6.5)  # readings further apart say nothing of what is between them
 WINDOWS_M = (0.2, 0.4, 0.8, 1.2)  # lengths of the lines that are fitted; the longest good one
 WINDOW_MIN, WINDOW_MAX = 4, 40  # ... in readings on one side
 CORNER_SIN_MIN = math.sin(math.radians(35.0))
