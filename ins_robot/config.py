@@ -50,6 +50,26 @@ class RobotConfig:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class BaseConfig:
+    """What carries the LRF: three driven omni wheels, or a person (the paper's emulation)."""
+
+    kind: str = option(
+        "omni3",
+        "three omni wheels, gyro and compass; or no motors: a person carries the LRF",
+        choices=("omni3", "manual"),
+    )
+    carried_std_m: float = option(
+        0.3,
+        "manual: how far from the named place the LRF may have been put, in x and in y",
+        above=0.0,
+        at_most=1.0,
+    )
+    carried_std_deg: float = option(
+        20.0, "manual: how far from the named heading it may look", above=0.0, at_most=45.0
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class WheelsConfig:
     """Three omni wheels and the serial line to their microcontroller."""
 
@@ -405,6 +425,13 @@ class SimulationConfig:
         at_least=0.0,
     )
     compass_chip: str = option("hmc5883l", "which compass", choices=("hmc5883l", "qmc5883l"))
+    person_mps: float = option(0.8, "manual base: how fast the person walks", above=0.0)
+    person_std_m: float = option(
+        0.15, "manual base: how well the person finds the place, in x and in y", at_least=0.0
+    )
+    person_std_deg: float = option(
+        10.0, "manual base: and the heading to put the LRF down with", at_least=0.0
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -412,6 +439,7 @@ class Config:
     """All sections."""
 
     robot: RobotConfig = field(default_factory=RobotConfig)
+    base: BaseConfig = field(default_factory=BaseConfig)
     wheels: WheelsConfig = field(default_factory=WheelsConfig)
     lrf: LrfConfig = field(default_factory=LrfConfig)
     imu: ImuConfig = field(default_factory=ImuConfig)
@@ -438,6 +466,11 @@ def _check_across(config: Config) -> None:
         raise ConfigError(
             f"lrf: range_min_m = {lrf.range_min_m:g} < range_trusted_m = "
             f"{lrf.range_trusted_m:g} <= range_max_m = {lrf.range_max_m:g} must hold"
+        )
+    if config.base.kind == "manual" and lrf.power != "on_demand":
+        raise ConfigError(
+            f'lrf.power = "{lrf.power}": must be "on_demand" with base.kind = "manual": '
+            "nothing tells the motion of a carried LRF, so its scans on the way have no place"
         )
     if lrf.port == wheels.port:
         raise ConfigError(

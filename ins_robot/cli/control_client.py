@@ -18,7 +18,14 @@ from ins_robot.errors import StateError
 
 CONNECT_TIMEOUT_S = 5.0
 REPLY_TIMEOUT_S = 15.0
-SLOW_REPLY_TIMEOUTS_S = {"stop": 120.0, "map": 60.0}  # both draw the map; a Pi 3 takes its time
+SLOW_REPLY_TIMEOUTS_S = {  # these draw a picture or take a scan; a Pi 3 takes its time
+    "stop": 120.0,
+    "map": 60.0,
+    "next_picture": 60.0,
+    "here": 120.0,
+    "skip": 60.0,
+    "scan": 120.0,
+}
 
 
 def request(args: argparse.Namespace, command: str, **arguments: Any) -> Any:

@@ -4,10 +4,29 @@
 from __future__ import annotations
 
 import os
+import sys
 import tempfile
 from pathlib import Path
 
 from ins_robot.errors import InputError
+
+
+def check_output(path: Path | None, command: str, kind: str) -> None:
+    """Refuse to print a binary file on a terminal, before the work is done."""
+    if path is None and sys.stdout.isatty():
+        raise InputError(
+            f"{command}: a {kind} is binary and stdout is a terminal; "
+            f"use `-o FILE` or redirect: `ins-robot {command} > {command}.png`"
+        )
+
+
+def deliver(content: bytes, path: Path | None) -> None:
+    """Write a file to `path`, or to stdout when there is none."""
+    if path is None:
+        sys.stdout.buffer.write(content)
+        sys.stdout.buffer.flush()
+    else:
+        write_whole(path, content)
 
 
 def write_whole(path: Path, content: bytes) -> None:

@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -32,6 +32,30 @@ TRAJECTORY_PERIOD_S = 0.1
 FIRST_SECTOR = Sector()
 
 
+class MotionSource(Protocol):
+    """What tells the motion between scans: the robot's own senses, or a person's word."""
+
+    @property
+    def pose(self) -> Pose2:
+        """odom_from_base, now."""
+
+    @property
+    def is_ready(self) -> bool:
+        """Poses count from here."""
+
+    def on_imu(self, sample: ImuSample) -> object:
+        """Take a reading of gyro and compass."""
+
+    def on_wheels(self, sample: WheelSample) -> object:
+        """Take a telemetry frame."""
+
+    def poses_at(self, stamps_s: FloatArray) -> FloatArray:
+        """(N, 3) odom_from_base at stamps (N,)."""
+
+    def increment(self, from_s: float, to_s: float) -> MotionIncrement:
+        """Motion between two stamps, in the base frame at the first."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ScanJob:
     """One scan, ready for the worker."""
@@ -45,10 +69,13 @@ class ScanJob:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ScanOutcome:
-    """What the worker made of it; the decision is None for a scan on the way."""
+    """What the worker made of it; the decision is None for a scan on the way.
+
+    No estimate: the scan fits nowhere, and map and pose are as they were (`CarriedCore`).
+    """
 
     job: ScanJob
-    estimate: PoseEstimate
+    estimate: PoseEstimate | None
     decision: Decision | None
 
 
@@ -59,7 +86,7 @@ class RunCore:
         self._config = config
         self._base_from_lrf = Pose2(config.lrf.x_m, config.lrf.y_m, 0.0)
         self._later_sector = Sector(half_width_rad=math.radians(config.lrf.sector_deg))
-        self.odometry = Odometry(config.kalman, config.imu, config.wheels)
+        self.odometry: MotionSource = Odometry(config.kalman, config.imu, config.wheels)
         self.survey = Survey(config, rng, timer_s)
         self.trajectory = TrajectoryRecorder()
         self.map_from_odom = Pose2()
@@ -159,6 +186,7 @@ class RunCore:
 
     def apply(self, outcome: ScanOutcome) -> None:
         """Let the correction steer the robot."""
+        assert outcome.estimate is not None
         self.map_from_odom = outcome.estimate.pose @ outcome.job.odom_from_base.inverse()
 
     def give_up(self, goal: Drive, why: str, pose: Pose2) -> Decision:
@@ -188,6 +216,11 @@ class RunCore:
     def duration_s(self) -> float:
         """Robot time since the first wheel telemetry of the run."""
         return 0.0 if self.first_stamp_s is None else self.last_stamp_s - self.first_stamp_s
+
+    @property
+    def notes(self) -> dict[str, Any]:
+        """What summary.json tells beside what every run has."""
+        return {"sweeps": self.sweeps, **self.survey.slam.notes()}
 
     def result(
         self,
@@ -222,7 +255,7 @@ class RunCore:
             wall_time_s=wall_time_s,
             peak_rss_mb=peak_rss_mb,
             slam_ms=self.survey.slam_ms,
-            notes={"sweeps": self.sweeps, **slam.notes(), **notes},
+            notes={**self.notes, **notes},
         )
 
     def _job(self, scan: LaserScan, sector: Sector | None, *, is_node: bool | None) -> ScanJob:

@@ -54,6 +54,18 @@ class Survey:
         self.ins_ms = 0.0
         self._timer_s = timer_s
         self._surveyed: list[int] = []  # SLAM's node behind each of the explorer's
+        self._goal: Drive | None = None
+
+    def place(self, scan: LaserScan, motion: MotionIncrement) -> MotionIncrement | None:
+        """Narrow down a motion that is hardly known; None when the scan fits nowhere.
+
+        The goal then counts as failed: it waits, is tried once more, then given up.
+        """
+        placed = self.slam.place(scan, motion)
+        if placed is None and self._goal is not None:
+            self.explorer.report_failure(self._goal, "the scan there fitted nowhere")
+            self._goal = None
+        return placed
 
     def scan_at_node(
         self, scan: LaserScan, motion: MotionIncrement, sector: Sector
@@ -67,7 +79,7 @@ class Survey:
         self.explorer.observe(
             node.id, node.stamp_s, node.pose, scan, (sector.centre_rad, sector.half_width_rad)
         )
-        decision = self.explorer.decide(self.slam.pose, self.grid)
+        decision = self._decide(self.slam.pose)
         self.ins_ms += 1e3 * (self._timer_s() - begun_s)
         return estimate, decision
 
@@ -84,8 +96,13 @@ class Survey:
         """Decide again on the map as it is now, for the robot at `pose`."""
         begun_s = self._timer_s()
         self._follow_corrections()
-        decision = self.explorer.decide(pose, self.grid)
+        decision = self._decide(pose)
         self.ins_ms += 1e3 * (self._timer_s() - begun_s)
+        return decision
+
+    def _decide(self, pose: Pose2) -> Decision:
+        decision = self.explorer.decide(pose, self.grid)
+        self._goal = decision if isinstance(decision, Drive) else None
         return decision
 
     def _locate(

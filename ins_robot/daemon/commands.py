@@ -8,12 +8,16 @@ from typing import Any
 
 from ins_robot import __version__
 from ins_robot.core.run_result import RunResult
+from ins_robot.daemon.directions import directions, picture_with
 from ins_robot.daemon.drawing import draw_elsewhere
+from ins_robot.daemon.manual_mission import ManualMission
 from ins_robot.daemon.run_store import RunStore
+from ins_robot.daemon.run_under_way import MissionState, RunUnderWay
 from ins_robot.daemon.runtime import Robot, mission_state
 from ins_robot.errors import StateError
 from ins_robot.logs.run_directory import MAP_PGM, MAP_PNG, MAP_YAML, MARGIN_CELLS, picture_of
 from ins_robot.mapping.map_files import TernaryMap, pgm_bytes, yaml_text
+from ins_robot.sensing.scan_summary import polar_picture
 
 FILES = {"png": MAP_PNG, "pgm": MAP_PGM, "yaml": MAP_YAML}
 
@@ -40,6 +44,7 @@ class DaemonCommands:
             raise StateError(
                 f"stopped: {self._robot.stop_latch.reason}; `ins-robot clear` releases it"
             )
+        self._robot.single_scan.check_idle()
         directory = self._store.create(name)
         self._robot.begin(directory, directory.name)
         return directory.name
@@ -110,6 +115,41 @@ class DaemonCommands:
             return await asyncio.to_thread(draw_elsewhere, picture)
         return await self._robot.snapshot(lambda result: _encoded(result, format))
 
+    async def next(self) -> dict[str, Any]:
+        """Where the run goes next."""
+        return directions(self._mission())
+
+    async def next_picture(self) -> bytes:
+        """The same, on the map."""
+        goal = self._mission().goal
+        picture = await self._robot.snapshot(lambda result: picture_with(goal, result))
+        return await asyncio.to_thread(draw_elsewhere, picture)
+
+    async def here(self) -> dict[str, Any]:
+        """Scan where a person has put the LRF down."""
+        self._robot.single_scan.check_idle()
+        mission = self._manual_mission()
+        await mission.here()
+        return directions(mission)
+
+    async def skip(self) -> dict[str, Any]:
+        """Name another place."""
+        mission = self._manual_mission()
+        await mission.skip()
+        return directions(mission)
+
+    async def scan(self) -> bytes:
+        """One scan, whatever base there is, as long as nothing moves."""
+        mission = self._robot.mission
+        if mission is not None and mission.state is not MissionState.WAITING:
+            raise StateError(
+                f"scan: run '{mission.name}' is under way and needs the LRF itself; "
+                "`ins-robot stop` ends it"
+            )
+        revolutions = await self._robot.single_scan.take()
+        picture = polar_picture(revolutions, self._robot.config.lrf)
+        return await asyncio.to_thread(draw_elsewhere, picture)
+
     async def runs(self) -> list[dict[str, Any]]:
         """All recorded runs."""
         return [info.as_dict() for info in self._store.infos(self._current())]
@@ -121,7 +161,13 @@ class DaemonCommands:
     def _current(self) -> str | None:
         return None if self._robot.mission is None else self._robot.mission.name
 
-    def _mission(self) -> Any:
+    def _manual_mission(self) -> ManualMission:
+        mission = self._mission()
+        if not isinstance(mission, ManualMission):
+            raise StateError('the robot drives by itself: only base.kind = "manual" is carried')
+        return mission
+
+    def _mission(self) -> RunUnderWay:
         if self._robot.mission is None:
             raise StateError("no run is under way: `ins-robot start` begins one")
         return self._robot.mission

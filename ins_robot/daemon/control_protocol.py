@@ -64,6 +64,26 @@ class RobotCommands(Protocol):
         """The running map, else the last finished one, as a file of `MAP_FORMATS`."""
         ...
 
+    async def next(self) -> dict[str, Any]:
+        """Where the run goes next (`directions.directions`)."""
+        ...
+
+    async def next_picture(self) -> bytes:
+        """The same on the map, a PNG."""
+        ...
+
+    async def here(self) -> dict[str, Any]:
+        """Manual base: scan where the LRF was put down; what `next` says then."""
+        ...
+
+    async def skip(self) -> dict[str, Any]:
+        """Manual base: the place cannot be reached; what `next` says then."""
+        ...
+
+    async def scan(self) -> bytes:
+        """Take one scan outside of the run; its polar plot, a PNG."""
+        ...
+
     async def runs(self) -> list[dict[str, Any]]:
         """The recorded runs, oldest first (`run_store.RunInfo.as_dict`)."""
         ...
@@ -83,6 +103,11 @@ ARGUMENTS: dict[str, dict[str, type]] = {
     "clear": {},
     "status": {},
     "map": {"format": str},
+    "next": {},
+    "next_picture": {},
+    "here": {},
+    "skip": {},
+    "scan": {},
     "runs": {},
     "delete_runs": {"names": list},
 }
@@ -127,13 +152,13 @@ def decode_request(line: bytes) -> Request:
 
 
 async def dispatch(request: Request, commands: RobotCommands) -> Any:
-    """Carry out a request; the result is a JSON value (map bytes as base64 text)."""
+    """Carry out a request; the result is a JSON value (bytes of files as base64 text)."""
     if request.command == "map":
         wanted = request.arguments["format"]
         if wanted not in MAP_FORMATS:
             raise WireError(f"map format '{wanted}': must be one of {', '.join(MAP_FORMATS)}")
-        return base64.b64encode(await commands.map(wanted)).decode("ascii")
-    return await getattr(commands, request.command)(**request.arguments)
+    result = await getattr(commands, request.command)(**request.arguments)
+    return base64.b64encode(result).decode("ascii") if isinstance(result, bytes) else result
 
 
 def encode_result(result: Any) -> bytes:
@@ -166,12 +191,12 @@ def decode_reply(line: bytes) -> Any:
     raise kind(str(error.get("message")))
 
 
-def decode_map(result: Any) -> bytes:
-    """The bytes of the map file in the result of `map`."""
+def decode_file(result: Any) -> bytes:
+    """The bytes of the file in the result of `map`, `next_picture` or `scan`."""
     try:
         return base64.b64decode(result, validate=True)
     except (TypeError, ValueError, binascii.Error):
-        raise WireError("control reply: the map is not base64 text") from None
+        raise WireError("control reply: the file is not base64 text") from None
 
 
 def _finite(value: Any) -> Any:

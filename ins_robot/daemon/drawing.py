@@ -2,8 +2,8 @@
 """Draws the map's picture in a process of its own.
 
 Drawing holds the interpreter for longer than the motors' dead-man waits, and wants memory the
-daemon need not keep. `python -m ins_robot.daemon.drawing` reads a pickled `MapPicture` from our
-own pipe, never from outside, and answers with PNG bytes.
+daemon need not keep. `python -m ins_robot.daemon.drawing` reads a pickled picture from our own
+pipe, never from outside, and answers with PNG bytes.
 """
 
 from __future__ import annotations
@@ -14,11 +14,12 @@ import sys
 
 from ins_robot.errors import RobotError
 from ins_robot.mapping.map_picture import MapPicture, png_bytes
+from ins_robot.mapping.polar_picture import PolarPicture, polar_png_bytes
 
 TIMEOUT_S = 120.0
 
 
-def draw_elsewhere(picture: MapPicture) -> bytes:
+def draw_elsewhere(picture: MapPicture | PolarPicture) -> bytes:
     """PNG bytes of `picture`; blocks the calling thread, not the interpreter.
 
     Raises
@@ -36,12 +37,14 @@ def draw_elsewhere(picture: MapPicture) -> bytes:
             check=False,
         )
     except (OSError, subprocess.TimeoutExpired) as error:
-        raise RobotError(f"the picture of the map could not be drawn: {error}") from None
+        raise RobotError(f"the picture could not be drawn: {error}") from None
     if drawn.returncode != 0:
         why = drawn.stderr.decode(errors="replace").strip().splitlines()[-1:]
-        raise RobotError(f"the picture of the map could not be drawn: {' '.join(why)}")
+        raise RobotError(f"the picture could not be drawn: {' '.join(why)}")
     return drawn.stdout
 
 
 if __name__ == "__main__":
-    sys.stdout.buffer.write(png_bytes(pickle.load(sys.stdin.buffer)))
+    picture = pickle.load(sys.stdin.buffer)
+    draw = png_bytes if isinstance(picture, MapPicture) else polar_png_bytes
+    sys.stdout.buffer.write(draw(picture))

@@ -15,9 +15,9 @@ from collections.abc import Callable
 
 from ins_robot.config import Config
 from ins_robot.daemon.health import Health
-from ins_robot.daemon.mission import Mission
+from ins_robot.daemon.run_under_way import RunUnderWay
 from ins_robot.errors import DeviceError
-from ins_robot.messages import WheelSample
+from ins_robot.messages import LaserScan, WheelSample
 from ins_robot.sensing.drivers.imu import ImuDriver
 from ins_robot.sensing.drivers.lrf import LrfDriver
 from ins_robot.sensing.drivers.motor import MotorDriver
@@ -29,7 +29,7 @@ STANDING = (0.0, 0.0, 0.0)
 
 
 class Pipeline:
-    """The three devices and where their data go."""
+    """The devices that `base.kind` has, and where their data go."""
 
     def __init__(
         self, config: Config, connector: Connector, clock: Callable[[], float], health: Health
@@ -40,7 +40,8 @@ class Pipeline:
         self._health = health
         self._lrf: LrfDriver | None = None
         self._motor: MotorDriver | None = None
-        self.mission: Mission | None = None
+        self.mission: RunUnderWay | None = None
+        self.onlooker: Callable[[LaserScan], None] | None = None  # sees revolutions too
         self.last_wheels: WheelSample | None = None
         self.on_fault: Callable[[str], None] = lambda fault: None
         self.on_tick: Callable[[float], None] = lambda now_s: None
@@ -64,7 +65,9 @@ class Pipeline:
     @property
     def missing(self) -> list[str]:
         """The devices that are not there."""
-        there = {"lrf": self._lrf, "motors": self._motor, "imu": self._imu}
+        there: dict[str, object] = {"lrf": self._lrf}
+        if self._config.base.kind != "manual":
+            there |= {"motors": self._motor, "imu": self._imu}
         return [name for name, device in there.items() if device is None]
 
     async def serve_lrf(self) -> None:
@@ -80,6 +83,8 @@ class Pipeline:
                 self._health.beat("lrf", self._clock())
                 if self.mission is not None:
                     self.mission.on_revolution(revolution)
+                if self.onlooker is not None:
+                    self.onlooker(revolution)
         finally:
             self._lrf = None
             self._count_devices()

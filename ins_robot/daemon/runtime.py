@@ -19,13 +19,16 @@ import numpy as np
 
 from ins_robot import __version__
 from ins_robot.config import Config, to_toml
-from ins_robot.core.run_core import RunCore
+from ins_robot.core.carried_core import CarriedCore, make_core
 from ins_robot.core.run_result import RunResult, RunState
 from ins_robot.daemon.drawing import draw_elsewhere
 from ins_robot.daemon.health import Health
-from ins_robot.daemon.mission import Mission, MissionState
+from ins_robot.daemon.manual_mission import ManualMission
+from ins_robot.daemon.mission import Mission
 from ins_robot.daemon.pilot import Pilot
 from ins_robot.daemon.pipeline import Pipeline
+from ins_robot.daemon.run_under_way import MissionState, RunUnderWay
+from ins_robot.daemon.single_scan import SingleScan
 from ins_robot.daemon.supervisor import StopLatch, Supervisor, outcome_of
 from ins_robot.daemon.systemd_notify import SystemdNotifier
 from ins_robot.errors import RobotError, StateError
@@ -82,7 +85,8 @@ class Robot:
         self.pipeline.on_fault = self._on_fault
         self.pilot = Pilot(config)
         self.stop_latch = StopLatch()
-        self.mission: Mission | None = None
+        self.single_scan = SingleScan(config.lrf, self.pipeline)
+        self.mission: RunUnderWay | None = None
         self.finished: asyncio.Event = asyncio.Event()
         self.last_summary: dict[str, Any] | None = None
         self.save_error: RobotError | None = None  # why the last run has no files
@@ -91,8 +95,10 @@ class Robot:
         self._began_run_s = 0.0
         self._stops = 0
         self.supervisor.add_device("lrf", self.pipeline.serve_lrf)
-        self.supervisor.add_device("imu", self.pipeline.serve_imu)
-        self.supervisor.add_device("motors", self.pipeline.serve_motors)
+        self.is_manual = config.base.kind == "manual"
+        if not self.is_manual:
+            self.supervisor.add_device("imu", self.pipeline.serve_imu)
+            self.supervisor.add_device("motors", self.pipeline.serve_motors)
         self.supervisor.add_task("housekeeping", self._keep_house)
 
     async def serve(self) -> None:
@@ -111,28 +117,28 @@ class Robot:
             raise StateError(f"run '{self.mission.name}' is under way: stop it first")
         if self.stop_latch.is_set:
             raise StateError(f"stopped: {self.stop_latch.reason}; `ins-robot clear` first")
+        self.single_scan.check_idle()
         header = JournalHeader(
             package_version=__version__,
             run_name=name,
             clock=self._clock_kind,
             config_toml=to_toml(self.config),
         )
-        rng = np.random.default_rng(self.config.slam.seed)
         self.pilot = Pilot(self.config)  # at rest, not held, knowing no other run's walls
-        self.mission = Mission(
-            name,
-            self.config,
-            RunCore(self.config, rng, time.perf_counter),
-            self.pilot,
-            lambda: self.pipeline.scanner,
-            self._survey_worker,
-            JournalWriter(directory / JOURNAL_NAME, header),
-        )
+        self.mission = self._mission(name, JournalWriter(directory / JOURNAL_NAME, header))
         self.finished.clear()
         self.save_error = None
         self._began_run_s = time.perf_counter()
         self.pipeline.mission = self.mission
         self.supervisor.add_task("run", lambda: self._explore(directory))
+
+    def _mission(self, name: str, journal: JournalWriter) -> RunUnderWay:
+        rng = np.random.default_rng(self.config.slam.seed)
+        core = make_core(self.config, rng, time.perf_counter)
+        scanner, worker = (lambda: self.pipeline.scanner), self._survey_worker
+        if isinstance(core, CarriedCore):
+            return ManualMission(name, self.config, core, scanner, worker, journal)
+        return Mission(name, self.config, core, self.pilot, scanner, worker, journal)
 
     async def end(self, reason: str, *, failed: bool = False) -> str:
         """Stop the run and wait until its files are there; its name.
@@ -174,14 +180,14 @@ class Robot:
                 self.mission = None
                 self.finished.set()
 
-    def _save(self, mission: Mission, directory: Path) -> dict[str, Any]:
+    def _save(self, mission: RunUnderWay, directory: Path) -> dict[str, Any]:
         try:
             mission.close_journal()
         except RobotError as error:
             log.error("the end of the recording is lost: %s", error)  # the map need not be
         return write_run(directory, self._annotate(self._result(mission)), self._draw)
 
-    def _tell_unsaved(self, mission: Mission, error: RobotError) -> None:
+    def _tell_unsaved(self, mission: RunUnderWay, error: RobotError) -> None:
         log.error("run '%s' is not saved: %s", mission.name, error)
         self.save_error = error
         self.last_summary = {
@@ -200,7 +206,7 @@ class Robot:
             raise StateError("no run is under way")
         return await self._in_survey_worker(lambda: use(self._result(mission)))
 
-    def _result(self, mission: Mission) -> RunResult:
+    def _result(self, mission: RunUnderWay) -> RunResult:
         is_over = mission.state.is_over
         return mission.core.result(
             name=mission.name,
@@ -219,6 +225,7 @@ class Robot:
 
     def stop_motors(self, reason: str) -> None:
         """Zero at once, latched; a run pauses."""
+        self._check_motors()
         self.pilot.stop_now()
         self._stops += 1
         self.stop_latch.set(reason)
@@ -227,12 +234,19 @@ class Robot:
 
     async def release_motors(self) -> None:
         """Clear the latch and re-arm the microcontroller; a run stays paused."""
+        self._check_motors()
         stops = self._stops
         await self.pipeline.motors.rearm()
         if self._stops != stops:
             raise StateError("clear: stopped again meanwhile; nothing is released")
         self.stop_latch.clear()
         self.pilot.release()
+
+    def _check_motors(self) -> None:
+        if self.is_manual:
+            raise StateError(
+                'base.kind = "manual": there are no motors to stop; `ins-robot pause` or `stop`'
+            )
 
     def _on_fault(self, fault: str) -> None:
         if fault == HOST_WAS_LATE:
@@ -268,10 +282,10 @@ class Robot:
                     mission.stop(str(error), failed=True)
                 self._check_battery(mission)
                 log.info("%s", self.health.line(now_s))
-            if "motors" in self.pipeline.missing:
+            if self.is_manual or "motors" in self.pipeline.missing:
                 self._notifier.feed_watchdog(now_s)  # nothing to control is not a hang
 
-    def _check_battery(self, mission: Mission) -> None:
+    def _check_battery(self, mission: RunUnderWay) -> None:
         limit_v, wheels = self.config.wheels.battery_low_v, self.pipeline.last_wheels
         if wheels is not None and wheels.battery_v < limit_v:
             mission.stop(

@@ -10,15 +10,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ins_robot.config import MapConfig, SlamConfig
 from ins_robot.estimation.estimators import make_estimator
 from ins_robot.estimation.loop_closing import LoopCloser
-from ins_robot.estimation.motion_model import chain
+from ins_robot.estimation.motion_model import chain, turned
 from ins_robot.estimation.node_map import MATCH_RADIUS_M, SURFEL_SPACING_M, Node, NodeMap, way_m
+from ins_robot.estimation.placement import INLIERS_MIN, place
 from ins_robot.estimation.protocol import Correction, Observation
 from ins_robot.estimation.rendered_map import RenderedMap
 from ins_robot.estimation.scan_matching import Alignment
@@ -91,6 +92,31 @@ class Slam:
             stamp_s=scan.stamp_s, pose=self.pose, covariance=self._estimator.covariance()
         )
 
+    def place(self, scan: LaserScan, motion: MotionIncrement) -> MotionIncrement | None:
+        """The motion narrowed by where the scan fits; None when it fits nowhere near.
+
+        For motions too vague to `step` with, such as those of an LRF that is carried. Changes
+        nothing.
+        """
+        surfels = self._surfels(scan).spread_out(SURFEL_SPACING_M, SCAN_SURFELS_MAX)
+        if len(self._nodes) == 0:
+            return motion if len(surfels) >= INLIERS_MIN else None
+        here = self._estimator.pose()
+        prior = compose(here, motion.delta.as_array())
+        field = self._nodes.local_field(self._linked_near(prior), prior)
+        if field is None:
+            return None
+        covariance = turned(motion.covariance, float(here[2]))
+        placed = place(field, self.grid, surfels, prior, covariance)
+        if placed is None:
+            return None
+        pose, covariance = placed
+        return replace(
+            motion,
+            delta=Pose2.from_array(between(here, pose)),
+            covariance=turned(covariance, -float(here[2])),
+        )
+
     @property
     def pose(self) -> Pose2:
         """map_from_base at the last scan."""
@@ -158,13 +184,15 @@ class Slam:
             return None
         pose = self._estimator.pose()
         if self._field is None or math.dist(pose[:2], self._field_at[:2]) > FIELD_STALE_M:
-            everything = list(range(len(self._nodes)))
-            self._linked = self._nodes.linked(self._linked, pose) or self._nodes.linked(
-                everything, pose
-            )
+            self._linked = self._linked_near(pose)
             self._field = self._nodes.local_field(self._linked, pose)
             self._field_at = pose
         return self._field
+
+    def _linked_near(self, pose: FloatArray) -> list[int]:
+        """Nodes near a pose: those linked to the ones the robot was among, else all."""
+        everything = list(range(len(self._nodes)))
+        return self._nodes.linked(self._linked, pose) or self._nodes.linked(everything, pose)
 
     def _becomes_node(self, is_node: bool | None) -> bool:
         if is_node is not None:

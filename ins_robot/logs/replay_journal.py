@@ -18,7 +18,8 @@ import numpy as np
 
 from ins_robot import config as configuration
 from ins_robot.config import Config
-from ins_robot.core.run_core import RunCore, ScanJob
+from ins_robot.core.carried_core import CarriedCore, make_core
+from ins_robot.core.run_core import ScanJob
 from ins_robot.core.run_result import RunResult, RunState
 from ins_robot.core.survey import Decision
 from ins_robot.errors import InputError
@@ -46,7 +47,7 @@ class JournalReplay:
 
     def __init__(self, config: Config, options: JournalOptions, timer_s: Callable[[], float]):
         rng = np.random.default_rng(config.slam.seed)
-        self.core = RunCore(config, rng, timer_s)
+        self.core = make_core(config, rng, timer_s)
         self.end: Mark | None = None
         self._options = options
         self._decision: Decision | None = None
@@ -71,6 +72,8 @@ class JournalReplay:
                 self.core.begin_scan()
             case "node_scan" if self._is_wanted():
                 self._compute(self.core.prepare_node_scan(payload["set_rpm"]))
+            case "put_down" if isinstance(self.core, CarriedCore):
+                self.core.put_down(mark.stamp_s, Pose2(*payload["pose"]))
             case "sweep" if self._is_wanted():
                 self._compute(self.core.prepare_sweep())
             case "replan":
@@ -121,7 +124,7 @@ def replay_journal(
             on_progress(messages.progress)
     if replay.core.first_stamp_s is None:
         raise InputError(
-            f"{path}: the recording ends before any wheel telemetry: nothing to map"
+            f"{path}: the recording ends before any wheel telemetry or scan: nothing to map"
         )
     end: dict[str, Any] = (
         replay.end.payload

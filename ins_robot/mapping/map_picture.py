@@ -43,6 +43,14 @@ class GapMark:
     is_open: bool
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GoalMark:
+    """Where to go: the way (N, 2), and the pose to take there."""
+
+    path_m: FloatArray
+    place: Pose2
+
+
 def _no_points() -> FloatArray:
     return np.zeros((0, 2))
 
@@ -51,7 +59,8 @@ def _no_points() -> FloatArray:
 class MapPicture:
     """What is on the picture.
 
-    `way_m` is (N, 2), `nodes_m` (K, 2). `robot` None: not drawn. `caption` is one short line.
+    `way_m` is (N, 2), `nodes_m` (K, 2). `robot`, `goal` None: not drawn; with a
+    goal, nodes are numbered. `caption` is one short line.
     """
 
     grid: GridView
@@ -60,6 +69,7 @@ class MapPicture:
     gaps: Sequence[GapMark] = ()
     robot: Pose2 | None = None
     robot_radius_m: float = 0.2
+    goal: GoalMark | None = None
     caption: str = ""
 
 

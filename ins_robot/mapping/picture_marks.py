@@ -17,7 +17,7 @@ from PIL import ImageDraw, ImageFont
 
 from ins_robot.geometry.angles import FloatArray
 from ins_robot.geometry.pose2 import Pose2
-from ins_robot.mapping.map_picture import Frame, MapPicture
+from ins_robot.mapping.map_picture import Frame, GoalMark, MapPicture
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -38,6 +38,8 @@ _START = (22, 150, 96)
 _OPEN_GAP = (240, 130, 20)
 _OTHER_GAP = (148, 158, 172)
 _ROBOT = (214, 40, 57)
+_GOAL = (150, 40, 190)
+DASH_M = 0.12
 
 _FOOTER = 64  # lengths below are in units, see `unit_px`
 _TEXT = 15
@@ -87,6 +89,9 @@ class _Band:
             self._disc(node, _NODE, 2.0 if is_crowded else 3.5, 0.0 if is_crowded else 1.0)
         if way:
             self._disc(way[0], _START, 5.0, 1.5)
+        if picture.goal is not None:
+            self._goal(picture.goal)
+            self._numbers(nodes)
         if picture.robot is not None:
             self._robot(picture.robot, picture.robot_radius_m)
 
@@ -112,6 +117,29 @@ class _Band:
         else:
             self._draw.polygon(_diamond(middle, 3.0 * self._unit), fill=_OTHER_GAP)
 
+    def _goal(self, goal: GoalMark) -> None:
+        for start, end in dashes(goal.path_m, DASH_M):
+            self._line(self._at(np.array([start, end])), _GOAL, 3)
+        x, y = self._at(np.array([goal.place.x_m, goal.place.y_m]))[0]
+        radius, edge = 9.0 * self._unit, round(3 * self._unit)
+        self._draw.circle((x, y), radius, outline=_GOAL, width=edge)
+        c, s = math.cos(goal.place.heading_rad), math.sin(goal.place.heading_rad)
+        self._line([(x, y), (x + 2.2 * radius * c, y - 2.2 * radius * s)], _GOAL, 3)
+
+    def _numbers(self, nodes: Sequence[Point]) -> None:
+        font = ImageFont.load_default(13 * self._unit)
+        for number, (x, y) in enumerate(nodes):
+            at = (x + 6 * self._unit, y - 6 * self._unit)
+            self._draw.text(
+                at,
+                str(number),
+                fill=_NODE,
+                font=font,
+                anchor="ls",
+                stroke_width=round(self._unit),
+                stroke_fill=_WHITE,
+            )
+
     def _robot(self, robot: Pose2, radius_m: float) -> None:
         x, y = self._at(np.array([robot.x_m, robot.y_m]))[0]
         radius = max(radius_m * self._frame.px_per_m * SMOOTH, 7.0 * self._unit)
@@ -125,6 +153,19 @@ class _Band:
 def _diamond(at: Point, size: float) -> list[Point]:
     x, y = at
     return [(x - size, y), (x, y - size), (x + size, y), (x, y + size)]
+
+
+def dashes(path_m: FloatArray, dash_m: float) -> list[tuple[FloatArray, FloatArray]]:
+    """Ends of the dashes of a dashed line along (N, 2), gaps as long as dashes."""
+    steps = np.hypot(*np.diff(path_m, axis=0).T)
+    way = np.concatenate([[0.0], np.cumsum(steps)])
+    starts = np.arange(0.0, way[-1], 2.0 * dash_m)
+    ends = np.minimum(starts + dash_m, way[-1])
+
+    def at(distances: FloatArray) -> FloatArray:
+        return np.stack([np.interp(distances, way, path_m[:, k]) for k in (0, 1)], axis=-1)
+
+    return list(zip(at(starts), at(ends), strict=True))
 
 
 def _thinned(way_m: FloatArray, step_m: float) -> FloatArray:
@@ -190,6 +231,8 @@ def _legend(picture: MapPicture) -> list[tuple[str, Colour, str]]:
         entries += [("disc", _START, "start"), ("line", _WAY, "way driven")]
     if picture.robot is not None:
         entries.append(("ring", _ROBOT, "robot"))
+    if picture.goal is not None:
+        entries.append(("ring", _GOAL, "next"))
     if len(picture.nodes_m):
         entries.append(("disc", _NODE, "scan"))
     if any(gap.is_open for gap in picture.gaps):

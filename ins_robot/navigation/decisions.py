@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from ins_robot.geometry.pose2 import Pose2
 from ins_robot.messages import PlannedPath
 from ins_robot.navigation.gaps import GapState
 from ins_robot.navigation.node_graph import NodeGraph
@@ -18,6 +19,12 @@ class Drive:
     node_id: int
     gap_id: int
     reason: str
+
+    @property
+    def place(self) -> Pose2:
+        """Where the path ends and the scan is taken, map_from_base."""
+        x_m, y_m = self.path.points_m[-1]
+        return Pose2(float(x_m), float(y_m), float(self.path.headings_rad[-1]))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -24,12 +24,14 @@ from ins_robot.simulation.emulators.lrf import LrfEmulator
 from ins_robot.simulation.emulators.motor import MotorEmulator
 from ins_robot.simulation.memory_wire import MemoryConnector
 from ins_robot.simulation.optics import WorldOptics
+from ins_robot.simulation.person import Person
 from ins_robot.simulation.robot_body import RobotBody
 from ins_robot.simulation.wire_device import WireDevice
 from ins_robot.simulation.world import World
 
 MOTOR_PERIOD_S = 0.02
 LRF_PERIOD_S = 0.02
+STILL = (0.0, 0.0, 0.0)
 
 
 class SimulatedRobot:
@@ -41,7 +43,8 @@ class SimulatedRobot:
     def __init__(
         self, config: Config, world: World, start: Pose2, seed: int, start_s: float = 0.0
     ) -> None:
-        body_rng, optics_rng, lrf_rng, imu_rng = np.random.default_rng(seed).spawn(4)
+        rngs = np.random.default_rng(seed).spawn(5)
+        body_rng, optics_rng, lrf_rng, imu_rng, person_rng = rngs
         self._config = config
         self.body = RobotBody(world, start, config, body_rng, start_s)
         self.optics = WorldOptics(world, self.body, config.lrf, config.simulation, optics_rng)
@@ -53,6 +56,7 @@ class SimulatedRobot:
             rpm_ripple=config.simulation.rpm_ripple,
         )
         self.motors = MotorEmulator(self.body, config.wheels)
+        self.person = Person(self.body, config.simulation, person_rng)
         self.registers = build_imu_devices(self.body, config.imu, config.simulation, imu_rng)
 
     def memory_connector(self, clock: Callable[[], float]) -> MemoryConnector:
@@ -66,8 +70,18 @@ class SimulatedRobot:
     async def pump(self, connector: MemoryConnector) -> None:
         """Let the devices live on the loop's clock, for ever."""
         async with asyncio.TaskGroup() as group:
-            group.create_task(connector.pump(self._config.wheels.port, MOTOR_PERIOD_S))
+            if self._config.base.kind == "manual":
+                group.create_task(self.be_carried())
+            else:
+                group.create_task(connector.pump(self._config.wheels.port, MOTOR_PERIOD_S))
             group.create_task(connector.pump(self._config.lrf.port, LRF_PERIOD_S))
+
+    async def be_carried(self) -> None:
+        """Live without motors, for ever: only the person moves the body."""
+        loop = asyncio.get_running_loop()
+        while True:
+            self.body.advance(loop.time(), STILL)
+            await asyncio.sleep(MOTOR_PERIOD_S)
 
     def annotate(self, result: RunResult) -> RunResult:
         """Add what only the simulator knows: the true way, and how good the map is."""

@@ -176,6 +176,12 @@ class RobotBody:
             )
         self._x_m, self._y_m, self._heading_rad = to.x_m, to.y_m, to.heading_rad
 
+    def carry(self, to: Pose2) -> None:
+        """A person carries the body there, off the ground: no wheel turns, nothing touches."""
+        self.path_length_m += math.hypot(to.x_m - self._x_m, to.y_m - self._y_m)
+        self._x_m, self._y_m = to.x_m, to.y_m
+        self._heading_rad += wrap_rad(to.heading_rad - self._heading_rad)
+
     def _step(self, dt_s: float, duties: Triple) -> None:
         self._now_s += dt_s
         if self._turn_wheels(dt_s, duties):

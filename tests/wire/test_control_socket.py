@@ -147,7 +147,7 @@ def test_a_client_that_has_said_all_still_gets_the_whole_reply(tmp_path: Path) -
             while piece := await reader.read(65536):
                 received += piece
             writer.close()
-            assert len(protocol.decode_map(protocol.decode_reply(received))) == size
+            assert len(protocol.decode_file(protocol.decode_reply(received))) == size
 
     with_socket(path, robot, scenario)
 

@@ -8,14 +8,12 @@ terminal and they are binary.
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 
 from ins_robot.cli.config_source import add_config_argument
 from ins_robot.cli.control_client import request
-from ins_robot.cli.output_file import write_whole
-from ins_robot.daemon.control_protocol import MAP_FORMATS, decode_map
-from ins_robot.errors import InputError
+from ins_robot.cli.output_file import check_output, deliver
+from ins_robot.daemon.control_protocol import MAP_FORMATS, decode_file
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -35,17 +33,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Fetch the map and write it."""
     wanted = args.format or format_of(args.output)
-    if args.output is None and wanted != "yaml" and sys.stdout.isatty():
-        raise InputError(
-            f"map: a {wanted.upper()} is binary and stdout is a terminal; "
-            "use `-o FILE` or redirect: `ins-robot map > map.png`"
-        )
-    content = decode_map(request(args, "map", format=wanted))
-    if args.output is None:
-        sys.stdout.buffer.write(content)
-        sys.stdout.buffer.flush()
-    else:
-        write_whole(args.output, content)
+    if wanted != "yaml":
+        check_output(args.output, "map", wanted.upper())
+    deliver(decode_file(request(args, "map", format=wanted)), args.output)
     return 0
 
 

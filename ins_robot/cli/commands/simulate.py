@@ -87,7 +87,7 @@ async def _simulate(
         config, connector, clock_kind="virtual", annotate=simulated.annotate, draw=png_bytes
     )
     robot.supervisor.add_task("simulator", lambda: simulated.pump(connector))
-    robot.supervisor.add_task("director", lambda: _direct(robot, directory))
+    robot.supervisor.add_task("director", lambda: _direct(robot, simulated.person, directory))
     await robot.serve()
     if robot.save_error is not None:
         raise robot.save_error
@@ -95,12 +95,14 @@ async def _simulate(
     return robot.last_summary
 
 
-async def _direct(robot: Any, directory: Path) -> None:
+async def _direct(robot: Any, person: Any, directory: Path) -> None:
     """Start one run once all devices are there, and shut down after it."""
     import asyncio
 
     await robot.pipeline.complete.wait()
     robot.begin(directory, directory.name or "simulated")
+    if robot.is_manual:
+        robot.supervisor.add_task("person", lambda: _carry(robot.mission, person))
     is_terminal = sys.stderr.isatty()
     while not robot.finished.is_set():
         try:
@@ -121,6 +123,22 @@ async def _direct(robot: Any, directory: Path) -> None:
     if is_terminal:
         print(file=sys.stderr)
     robot.supervisor.shut_down("the run is over")
+
+
+async def _carry(mission: Any, person: Any) -> None:
+    """A person on the manual base: carry the LRF where the run says, and say `here`."""
+    from ins_robot.errors import DeviceError, StateError
+
+    while not mission.state.is_over:
+        goal = mission.goal
+        if goal is not None:
+            await person.walk(goal.path.points_m, goal.place)
+        try:
+            await mission.here()
+        except StateError as error:  # it fits nowhere: the run says where to go instead
+            print(f"{mission.name}: {error}", file=sys.stderr)
+        except DeviceError as error:
+            mission.stop(str(error), failed=True)
 
 
 def check_seed(seed: int) -> None:

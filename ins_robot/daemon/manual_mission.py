@@ -1,0 +1,156 @@
+# SPDX-License-Identifier: MIT
+"""One run in which a person carries the LRF (the paper's emulation stage).
+
+`next` names a place, the person carries the LRF there and says `here`, a scan is taken, and the
+next place is named. A scan that fits nowhere in the map is refused: the person is sent back to
+where the last one was taken. A device that fails costs the scan, not the run.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Awaitable, Callable
+from concurrent.futures import Executor
+
+import numpy as np
+
+from ins_robot.config import Config
+from ins_robot.core.carried_core import CarriedCore
+from ins_robot.core.survey import Decision
+from ins_robot.daemon.run_under_way import MissionState, RunUnderWay
+from ins_robot.daemon.scan_taking import ScannerPower
+from ins_robot.errors import DeviceError, StateError
+from ins_robot.geometry.pose2 import Pose2
+from ins_robot.logs.journal import JournalWriter
+from ins_robot.messages import PlannedPath
+from ins_robot.navigation.explorer import Drive
+
+log = logging.getLogger(__name__)
+
+NO_GAP = -1  # on the way back there is no gap to look into
+
+Order = tuple[Callable[[], Awaitable[None]], asyncio.Future[None]]
+
+
+class ManualMission(RunUnderWay):
+    """Waits for a person's orders and carries them out one by one."""
+
+    core: CarriedCore
+
+    def __init__(
+        self,
+        name: str,
+        config: Config,
+        core: CarriedCore,
+        scanner: Callable[[], ScannerPower],
+        worker: Executor,
+        journal: JournalWriter,
+    ) -> None:
+        super().__init__(name, config, core, scanner, worker, journal)
+        self.state = MissionState.WAITING
+        self._orders: asyncio.Queue[Order] = asyncio.Queue()
+
+    async def here(self) -> None:
+        """Scan where the LRF was put down; returns when the next place is known.
+
+        Raises
+        ------
+        StateError
+            When the scan fits nowhere, or the run does not wait for it.
+        DeviceError
+            When no scan came; the run goes on waiting.
+        """
+        await self._order(self._scan_here)
+
+    async def skip(self) -> None:
+        """The place named cannot be reached by a person: name another."""
+        if self.goal is None or self.goal.gap_id == NO_GAP:
+            raise StateError(
+                "no place to skip: `ins-robot next` asks for a scan that nothing can replace"
+            )
+        await self._order(self._give_up)
+
+    async def _order(self, work: Callable[[], Awaitable[None]]) -> None:
+        if self.is_paused:
+            raise StateError("the run is paused: `ins-robot resume` first")
+        if self.state is not MissionState.WAITING:
+            raise StateError(f"the run is {self.state}: wait until it names the next place")
+        self.state = MissionState.THINKING  # taken: a second order is refused
+        done = asyncio.get_running_loop().create_future()
+        self._orders.put_nowait((work, done))
+        await done
+
+    async def _explore(self) -> None:
+        while not self._is_out_of_budget():
+            self.state = MissionState.WAITING
+            work, done = await self._orders.get()
+            try:
+                await work()
+            except (StateError, DeviceError) as error:
+                log.warning("%s: %s", self.name, error)
+                _answer(done, error)
+            else:
+                _answer(done, None)
+            finally:
+                _answer(done, StateError(f"the run has ended: {self.reason or 'see the log'}"))
+
+    async def _scan_here(self) -> None:
+        place = Pose2() if self.goal is None else self.goal.place
+        mark = self._mark("put_down", pose=[place.x_m, place.y_m, place.heading_rad])
+        self.core.put_down(mark.stamp_s, place)
+        outcome = await self._in_worker(self.core.compute, await self._node_scan())
+        self.core.apply(outcome)
+        if outcome.decision is None:
+            raise StateError(self._send_back())
+        self._take(outcome.decision)
+
+    async def _give_up(self) -> None:
+        assert self.goal is not None
+        pose, why = self.core.pose, "a person cannot get there"
+        self._mark("give_up", why=why, pose=[pose.x_m, pose.y_m, pose.heading_rad])
+        self._take(await self._in_worker(self.core.give_up, self.goal, why, pose))
+
+    def _take(self, decision: Decision) -> None:
+        if isinstance(decision, Drive):
+            self.goal = decision
+            log.info("%s: %s", self.name, decision.reason)
+            return
+        self.goal = None
+        ended = MissionState.COMPLETE if decision.is_complete else MissionState.STOPPED
+        self._end(ended, decision.reason)
+
+    def _send_back(self) -> str:
+        """Make the last place that is known the goal; what to tell the person."""
+        nodes = self.core.survey.slam.nodes
+        if not nodes:
+            return "the scan shows almost nothing: uncover the LRF, step back and try again"
+        node, goal = nodes[-1], self.goal
+        assert goal is not None
+        why = f"the scan here fits nowhere; go back to node {node.id} and try again"
+        if goal.gap_id != NO_GAP:
+            self.goal = Drive(
+                path=_way_back(goal.path, node.pose),
+                node_id=node.id,
+                gap_id=NO_GAP,
+                reason=why,
+            )
+        return why
+
+
+def _answer(done: asyncio.Future[None], error: Exception | None) -> None:
+    """Once; who asked may have gone."""
+    if done.done():
+        return
+    if error is None:
+        done.set_result(None)
+    else:
+        done.set_exception(error)
+
+
+def _way_back(path: PlannedPath, place: Pose2) -> PlannedPath:
+    """The way that was named, backwards, to `place`."""
+    points = path.points_m[::-1].copy()
+    points[-1] = place.x_m, place.y_m
+    headings = np.full(len(points), place.heading_rad)
+    return PlannedPath(points_m=points, headings_rad=headings)
