@@ -41,8 +41,7 @@ def directions(run: RunUnderWay) -> dict[str, Any]:
 
 
 def picture_with(goal: Drive | None, result: RunResult) -> MapPicture:
-    """The run's picture with its goal and the way there."""
-    picture = picture_of(result)
-    if goal is None:
-        return picture
-    return replace(picture, goal=GoalMark(path_m=goal.path.points_m, place=goal.place))
+    """The run's picture, nodes numbered, with its goal and the way there."""
+    mark = None if goal is None else GoalMark(path_m=goal.path.points_m, place=goal.place)
+    node_ids = [node["id"] for node in result.graph["nodes"]]
+    return replace(picture_of(result), goal=mark, node_ids=node_ids)

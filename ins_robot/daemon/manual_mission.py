@@ -2,8 +2,8 @@
 """One run in which a person carries the LRF (the paper's emulation stage).
 
 `next` names a place, the person carries the LRF there and says `here`, a scan is taken, and the
-next place is named. A scan that fits nowhere in the map is refused: the person is sent back to
-where the last one was taken. A device that fails costs the scan, not the run.
+next place is named. A scan that fits nowhere in the map is refused: the person is sent back
+towards the last one. A device that fails costs the scan, not the run.
 """
 
 from __future__ import annotations
@@ -13,8 +13,6 @@ import logging
 from collections.abc import Awaitable, Callable
 from concurrent.futures import Executor
 
-import numpy as np
-
 from ins_robot.config import Config
 from ins_robot.core.carried_core import CarriedCore
 from ins_robot.core.survey import Decision
@@ -23,8 +21,8 @@ from ins_robot.daemon.scan_taking import ScannerPower
 from ins_robot.errors import DeviceError, StateError
 from ins_robot.geometry.pose2 import Pose2
 from ins_robot.logs.journal import JournalWriter
-from ins_robot.messages import PlannedPath
 from ins_robot.navigation.explorer import Drive
+from ins_robot.navigation.retreat import Retreat
 
 log = logging.getLogger(__name__)
 
@@ -50,6 +48,7 @@ class ManualMission(RunUnderWay):
         super().__init__(name, config, core, scanner, worker, journal)
         self.state = MissionState.WAITING
         self._orders: asyncio.Queue[Order] = asyncio.Queue()
+        self._retreat: Retreat | None = None
 
     async def here(self) -> None:
         """Scan where the LRF was put down; returns when the next place is known.
@@ -112,6 +111,7 @@ class ManualMission(RunUnderWay):
         self._take(await self._in_worker(self.core.give_up, self.goal, why, pose))
 
     def _take(self, decision: Decision) -> None:
+        self._retreat = None
         if isinstance(decision, Drive):
             self.goal = decision
             log.info("%s: %s", self.name, decision.reason)
@@ -121,20 +121,23 @@ class ManualMission(RunUnderWay):
         self._end(ended, decision.reason)
 
     def _send_back(self) -> str:
-        """Make the last place that is known the goal; what to tell the person."""
+        """Make a place nearer to the last one that is known the goal; what to tell the person.
+
+        Half of the way back first: what fits there leads on, the last place is known already.
+        """
         nodes = self.core.survey.slam.nodes
         if not nodes:
             return "the scan shows almost nothing: uncover the LRF, step back and try again"
-        node, goal = nodes[-1], self.goal
-        assert goal is not None
-        why = f"the scan here fits nowhere; go back to node {node.id} and try again"
-        if goal.gap_id != NO_GAP:
-            self.goal = Drive(
-                path=_way_back(goal.path, node.pose),
-                node_id=node.id,
-                gap_id=NO_GAP,
-                reason=why,
-            )
+        node = nodes[-1]
+        assert self.goal is not None
+        why = (
+            f"the scan here fits nowhere for certain; go back towards node {node.id} "
+            "and try again"
+        )
+        self._retreat = self._retreat or Retreat(self.goal.path, node.pose)
+        self.goal = Drive(
+            path=self._retreat.next_leg(), node_id=node.id, gap_id=NO_GAP, reason=why
+        )
         return why
 
 
@@ -146,11 +149,3 @@ def _answer(done: asyncio.Future[None], error: Exception | None) -> None:
         done.set_result(None)
     else:
         done.set_exception(error)
-
-
-def _way_back(path: PlannedPath, place: Pose2) -> PlannedPath:
-    """The way that was named, backwards, to `place`."""
-    points = path.points_m[::-1].copy()
-    points[-1] = place.x_m, place.y_m
-    headings = np.full(len(points), place.heading_rad)
-    return PlannedPath(points_m=points, headings_rad=headings)

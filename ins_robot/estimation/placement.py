@@ -4,6 +4,10 @@
 For an LRF that is carried: there is no odometry, only the word of a person, decimetres and tens
 of degrees wide. In go the scan, the map and that prior; out comes a prior as narrow as the scan
 makes it. Nothing is changed here, so a scan that is refused leaves no trace.
+
+A prior that wide holds many local optima. Each is refined by itself and judged by what it
+explains of the known alone: judged by overlap, as in matching, a scan that looks into the
+unknown would slide back to where all is known.
 """
 
 from __future__ import annotations
@@ -12,20 +16,28 @@ import math
 
 import numpy as np
 
-from ins_robot.estimation.scan_matching import Alignment, align, search
-from ins_robot.geometry.angles import FloatArray
+from ins_robot.estimation.scan_matching import Alignment, align, log_likelihoods, search
+from ins_robot.geometry.angles import FloatArray, wrap_rad
 from ins_robot.geometry.pose2 import transform_points
 from ins_robot.mapping.likelihood_field import LikelihoodField
 from ins_robot.mapping.occupancy_grid import OccupancyGrid
 from ins_robot.mapping.surfels import Surfels
 
 SEARCH_STDS = 3.0
-TURN_STEP_RAD = math.radians(15.0)  # one search covers this much to each side
+TURN_STEP_RAD = math.radians(15.0)  # one search covers this much to each side ...
+SHIFT_STEP_M = 0.3  # ... and this much, once the heading is known
+TURN_KNOWN_RAD = math.radians(4.0)
 INLIERS_MIN = 30
 INLIER_SHARE_MIN = 0.3
 IN_THE_OPEN_M = 0.2  # a reading that ends in free space this far from all walls denies the map
 DENIED_SHARE_MAX = 0.15
-MATCH_WORTH = 0.04  # the scan is used once more for the pose itself: here it only narrows
+DENIED_COST = 0.9  # log-likelihood, as much as a reading far off its wall
+STD_MAX_M = 0.03  # of the weakest direction: beyond, chance decides where along the wall ...
+KNOWN_SHARE = 0.8  # ... but hardly where so many readings lie on the map
+KNOWN_STD_MAX_M = 0.05
+RIVAL_M = 0.2  # a candidate this far from the best is another place ...
+RIVAL_RAD = math.radians(5.0)
+RIVAL_MARGIN = 4.0  # ... and must be less likely by this much
 
 
 def place(
@@ -44,28 +56,102 @@ def place(
     prior, covariance : (3,), (3, 3)
         Where it is said to have been taken, and how surely.
     """
+    if len(scan) < INLIERS_MIN:
+        return None
     information = np.asarray(np.linalg.inv(covariance), dtype=np.float64)
     half_width_m = SEARCH_STDS * math.sqrt(float(np.linalg.eigvalsh(covariance[:2, :2])[-1]))
     half_turn_rad = SEARCH_STDS * math.sqrt(float(covariance[2, 2]))
-    windows = max(1, math.ceil(half_turn_rad / TURN_STEP_RAD))
-    half_turn_rad /= windows
-    starts = [prior]
-    for window in range(windows):  # narrow windows: a wide one prunes the right heading away
-        centre = prior.copy()
-        centre[2] += (2 * window - windows + 1) * half_turn_rad
-        starts.append(search(field, scan, centre, half_width_m, half_turn_rad).pose)
-    match = align(field, scan, np.stack(starts), prior, information)
-    if not _fits(match, grid, scan):
+    matches = [
+        align(field, scan, start[None], prior, information)
+        for start in _starts(field, scan, prior, half_width_m, half_turn_rad)
+    ]
+    scores = _scores(field, grid, scan, matches, prior, information)
+    best = int(np.argmax(scores))
+    match = matches[best]
+    if not _fits(match, grid, scan) or _has_rival(matches, scores, best):
         return None
-    narrowed = np.linalg.inv(information + MATCH_WORTH * match.information)
-    return match.pose, np.asarray(narrowed, dtype=np.float64)
+    return match.pose, np.asarray(np.linalg.inv(information + match.information), np.float64)
+
+
+def _starts(
+    field: LikelihoodField,
+    scan: Surfels,
+    prior: FloatArray,
+    half_width_m: float,
+    half_turn_rad: float,
+) -> list[FloatArray]:
+    """Poses (3,) to refine: the prior, the best of each heading, the best of each place.
+
+    Narrow windows, since a wide one prunes the right one away.
+    """
+    starts = [prior]
+    turns = max(1, math.ceil(half_turn_rad / TURN_STEP_RAD))
+    found = [
+        search(
+            field, scan, _shifted(prior, 0.0, 0.0, turn), half_width_m, half_turn_rad / turns
+        )
+        for turn in _centres(half_turn_rad, turns)
+    ]
+    starts += [result.pose for result in found]
+    heading = max(found, key=lambda result: result.value).pose[2] - prior[2]
+    shifts = max(1, math.ceil(half_width_m / SHIFT_STEP_M))
+    for x in _centres(half_width_m, shifts):
+        for y in _centres(half_width_m, shifts):
+            centre = _shifted(prior, x, y, heading)
+            window_m = half_width_m / shifts
+            starts.append(search(field, scan, centre, window_m, TURN_KNOWN_RAD).pose)
+    return starts
+
+
+def _centres(half: float, count: int) -> list[float]:
+    """Centres of `count` equal windows that cover +-half."""
+    return [(2 * k - count + 1) * half / count for k in range(count)]
+
+
+def _shifted(pose: FloatArray, x_m: float, y_m: float, turn_rad: float) -> FloatArray:
+    shifted: FloatArray = pose + np.array([x_m, y_m, turn_rad])
+    return shifted
+
+
+def _scores(
+    field: LikelihoodField,
+    grid: OccupancyGrid,
+    scan: Surfels,
+    matches: list[Alignment],
+    prior: FloatArray,
+    information: FloatArray,
+) -> FloatArray:
+    """(C,) log-posterior of the candidates, up to a constant; denied readings count against."""
+    poses = np.stack([match.pose for match in matches])
+    off = poses - prior
+    off[:, 2] = wrap_rad(off[:, 2])
+    denied = np.array([denied_share(grid, transform_points(p, scan.points_m)) for p in poses])
+    scores: FloatArray = (
+        log_likelihoods(field, scan, poses)
+        - 0.5 * np.einsum("ci,ij,cj->c", off, information, off)
+        - DENIED_COST * len(scan) * denied
+    )
+    return scores
 
 
 def _fits(match: Alignment, grid: OccupancyGrid, scan: Surfels) -> bool:
-    """Whether enough readings lie on the map's walls, and few in its open space."""
+    """Whether enough readings lie on the map's walls to hold the scan, and few in the open."""
     if match.inliers < INLIERS_MIN or match.inlier_share < INLIER_SHARE_MIN:
         return False
+    weakest = float(np.linalg.eigvalsh(match.information[:2, :2])[0])
+    std_max_m = KNOWN_STD_MAX_M if match.inlier_share > KNOWN_SHARE else STD_MAX_M
+    if weakest < 1.0 / std_max_m**2:
+        return False
     return denied_share(grid, transform_points(match.pose, scan.points_m)) <= DENIED_SHARE_MAX
+
+
+def _has_rival(matches: list[Alignment], scores: FloatArray, best: int) -> bool:
+    """Whether another place is nearly as likely."""
+    off = np.stack([match.pose for match in matches]) - matches[best].pose
+    is_apart = (np.hypot(off[:, 0], off[:, 1]) > RIVAL_M) | (
+        np.abs(wrap_rad(off[:, 2])) > RIVAL_RAD
+    )
+    return bool((scores[is_apart] > scores[best] - RIVAL_MARGIN).any())
 
 
 def denied_share(grid: OccupancyGrid, points_m: FloatArray) -> float:

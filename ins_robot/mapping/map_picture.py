@@ -59,8 +59,8 @@ def _no_points() -> FloatArray:
 class MapPicture:
     """What is on the picture.
 
-    `way_m` is (N, 2), `nodes_m` (K, 2). `robot`, `goal` None: not drawn; with a
-    goal, nodes are numbered. `caption` is one short line.
+    `way_m` is (N, 2), `nodes_m` (K, 2). `robot`, `goal` None: not drawn.
+    `node_ids` are written beside the nodes. `caption` is one short line.
     """
 
     grid: GridView
@@ -70,6 +70,7 @@ class MapPicture:
     robot: Pose2 | None = None
     robot_radius_m: float = 0.2
     goal: GoalMark | None = None
+    node_ids: Sequence[int] = ()
     caption: str = ""
 
 

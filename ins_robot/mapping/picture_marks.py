@@ -91,7 +91,8 @@ class _Band:
             self._disc(way[0], _START, 5.0, 1.5)
         if picture.goal is not None:
             self._goal(picture.goal)
-            self._numbers(nodes)
+        for node, number in zip(nodes, picture.node_ids, strict=False):
+            self._number(node, number)
         if picture.robot is not None:
             self._robot(picture.robot, picture.robot_radius_m)
 
@@ -126,19 +127,16 @@ class _Band:
         c, s = math.cos(goal.place.heading_rad), math.sin(goal.place.heading_rad)
         self._line([(x, y), (x + 2.2 * radius * c, y - 2.2 * radius * s)], _GOAL, 3)
 
-    def _numbers(self, nodes: Sequence[Point]) -> None:
-        font = ImageFont.load_default(13 * self._unit)
-        for number, (x, y) in enumerate(nodes):
-            at = (x + 6 * self._unit, y - 6 * self._unit)
-            self._draw.text(
-                at,
-                str(number),
-                fill=_NODE,
-                font=font,
-                anchor="ls",
-                stroke_width=round(self._unit),
-                stroke_fill=_WHITE,
-            )
+    def _number(self, node: Point, number: int) -> None:
+        self._draw.text(
+            (node[0] + 6 * self._unit, node[1] - 6 * self._unit),
+            str(number),
+            fill=_NODE,
+            font=ImageFont.load_default(13 * self._unit),
+            anchor="ls",
+            stroke_width=round(self._unit),
+            stroke_fill=_WHITE,
+        )
 
     def _robot(self, robot: Pose2, radius_m: float) -> None:
         x, y = self._at(np.array([robot.x_m, robot.y_m]))[0]

@@ -51,7 +51,7 @@ def words(told: Mapping[str, Any]) -> list[str]:
     goal, state = told["goal"], told["state"]
     if goal is None and state == "waiting":
         return [
-            "put the LRF down where the map shall begin, keep clear of it, then `ins-robot here`"
+            "put the LRF down where the map shall begin, keep clear of it; `ins-robot here`"
         ]
     if goal is None:
         return [f"{state}: {told['reason']}" if told["reason"] else f"{state}: no goal yet"]
@@ -67,9 +67,9 @@ def words(told: Mapping[str, Any]) -> list[str]:
 
 def _in_the_map(told: Mapping[str, Any]) -> list[str]:
     goal = told["goal"]
-    heading_deg = math.degrees(goal["heading_rad"])
+    heading = f"heading {math.degrees(goal['heading_rad']):.0f} deg"
     return [
-        f"in the map: x {goal['x_m']:.2f} m, y {goal['y_m']:.2f} m, heading {heading_deg:.0f} deg",
+        f"in the map: x {goal['x_m']:.2f} m, y {goal['y_m']:.2f} m, {heading}",
         f"why: {told['reason']}",
     ]
 
