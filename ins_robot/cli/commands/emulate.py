@@ -3,12 +3,13 @@
 
 The file of `--config-out` is a whole configuration: `INS_ROBOT_CONFIG=FILE ins-robot daemon`
 and the client commands run on these devices. Any program that speaks XV-11 may open the LRF's
-line.
+line. With `base.kind=manual` there is the LRF alone, and lines on stdin carry it.
 """
 
 from __future__ import annotations
 
 import argparse
+import contextlib
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -105,28 +106,75 @@ async def _serve(simulated: SimulatedRobot, config: Config, config_out: Path) ->
 
     from ins_robot.config import to_toml
     from ins_robot.logs.run_directory import write_atomically
-    from ins_robot.simulation.i2c_socket import I2cSocketServer
-    from ins_robot.simulation.pty_wire import PtyWire
 
     loop = asyncio.get_running_loop()
     ended = asyncio.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         loop.add_signal_handler(number, ended.set)
+    async with contextlib.AsyncExitStack() as devices:
+        if config.base.kind == "manual":
+            told = await _open_carried(simulated, config, devices)
+        else:
+            told = await _open_all(simulated, config, devices)
+        write_atomically(config_out, (HEADER + to_toml(config)).encode())
+        print(told)
+        print(f"ready: INS_ROBOT_CONFIG={config_out} ins-robot daemon", flush=True)
+        await ended.wait()
+    print("emulation ended", file=sys.stderr)
+
+
+async def _open_all(
+    simulated: SimulatedRobot, config: Config, devices: contextlib.AsyncExitStack
+) -> str:
+    """LRF, motors and IMU; where they are."""
+    import asyncio
+
+    from ins_robot.simulation.i2c_socket import I2cSocketServer
+    from ins_robot.simulation.pty_wire import PtyWire
+
+    bus = Path(config.imu.bus.removeprefix("unix:"))
     lrf = PtyWire(simulated.lrf, Path(config.lrf.port))
     motors = PtyWire(simulated.motors, Path(config.wheels.port))
-    imu = I2cSocketServer(
-        simulated.registers, Path(config.imu.bus.removeprefix("unix:")), loop.time
-    )
+    imu = I2cSocketServer(simulated.registers, bus, asyncio.get_running_loop().time)
     await lrf.open()
+    devices.callback(lrf.close)
     await motors.open()
+    devices.callback(motors.close)
     await imu.start()
-    write_atomically(config_out, (HEADER + to_toml(config)).encode())
-    print(f"lrf {config.lrf.port}  motors {config.wheels.port}  imu {config.imu.bus}")
-    print(f"ready: INS_ROBOT_CONFIG={config_out} ins-robot daemon", flush=True)
+    devices.push_async_callback(imu.close)
+    return f"lrf {config.lrf.port}  motors {config.wheels.port}  imu {config.imu.bus}"
+
+
+async def _open_carried(
+    simulated: SimulatedRobot, config: Config, devices: contextlib.AsyncExitStack
+) -> str:
+    """The LRF alone, carried by lines on stdin; where it is and how."""
+    import asyncio
+    import os
+
+    from ins_robot.simulation.carry_orders import USAGE, obey
+    from ins_robot.simulation.pty_wire import PtyWire
+
+    lrf = PtyWire(simulated.lrf, Path(config.lrf.port))
+    await lrf.open()
+    devices.callback(lrf.close)
+    loop = asyncio.get_running_loop()
+    living = loop.create_task(simulated.be_carried())
+    devices.callback(living.cancel)
+
+    pending = bytearray()
+
+    def read() -> None:
+        received = os.read(sys.stdin.fileno(), 4096)
+        if not received:
+            loop.remove_reader(sys.stdin)
+        *lines, pending[:] = (pending + received).split(b"\n")
+        for line in filter(bytearray.strip, lines):
+            print(obey(simulated.person, line.decode(errors="replace")), flush=True)
+
     try:
-        await ended.wait()
-    finally:
-        lrf.close()
-        motors.close()
-        await imu.close()
-        print("emulation ended", file=sys.stderr)
+        loop.add_reader(sys.stdin, read)
+    except OSError:  # /dev/null or a file, which a selector does not take
+        return f"lrf {config.lrf.port}  (stdin is no terminal and no pipe: nobody carries it)"
+    devices.callback(loop.remove_reader, sys.stdin)
+    return f"lrf {config.lrf.port}  type here to carry it: {USAGE}"
