@@ -30,7 +30,9 @@ TURN_KNOWN_RAD = math.radians(4.0)
 INLIERS_MIN = 30
 INLIER_SHARE_MIN = 0.3
 IN_THE_OPEN_M = 0.2  # a reading that ends in free space this far from all walls denies the map
-DENIED_SHARE_MAX = 0.15
+BEFORE_END_M = 0.3  # so does one that goes on this far behind a wall
+WALL_LOG_ODDS = 0.8
+DENIED_SHARE_MAX = 0.06
 DENIED_COST = 0.9  # log-likelihood, as much as a reading far off its wall
 STD_MAX_M = 0.03  # of the weakest direction: beyond, chance decides where along the wall ...
 KNOWN_SHARE = 0.8  # ... but hardly where so many readings lie on the map
@@ -125,7 +127,7 @@ def _scores(
     poses = np.stack([match.pose for match in matches])
     off = poses - prior
     off[:, 2] = wrap_rad(off[:, 2])
-    denied = np.array([denied_share(grid, transform_points(p, scan.points_m)) for p in poses])
+    denied = np.array([denied_share(grid, pose, scan) for pose in poses])
     scores: FloatArray = (
         log_likelihoods(field, scan, poses)
         - 0.5 * np.einsum("ci,ij,cj->c", off, information, off)
@@ -142,7 +144,7 @@ def _fits(match: Alignment, grid: OccupancyGrid, scan: Surfels) -> bool:
     std_max_m = KNOWN_STD_MAX_M if match.inlier_share > KNOWN_SHARE else STD_MAX_M
     if weakest < 1.0 / std_max_m**2:
         return False
-    return denied_share(grid, transform_points(match.pose, scan.points_m)) <= DENIED_SHARE_MAX
+    return denied_share(grid, match.pose, scan) <= DENIED_SHARE_MAX
 
 
 def _has_rival(matches: list[Alignment], scores: FloatArray, best: int) -> bool:
@@ -154,10 +156,26 @@ def _has_rival(matches: list[Alignment], scores: FloatArray, best: int) -> bool:
     return bool((scores[is_apart] > scores[best] - RIVAL_MARGIN).any())
 
 
-def denied_share(grid: OccupancyGrid, points_m: FloatArray) -> float:
-    """Share of the points (N, 2), map frame, that lie where the map saw nothing but air."""
-    cells = grid.cells(points_m)
-    cells = cells[grid.contains(cells)]
-    rows, cols = cells[:, 0], cells[:, 1]
-    is_open = grid.is_free[rows, cols] & (grid.distance_m()[rows, cols] > IN_THE_OPEN_M)
-    return float(is_open.sum()) / max(1, len(points_m))
+def denied_share(grid: OccupancyGrid, pose: FloatArray, scan: Surfels) -> float:
+    """Share of readings that the map denies: their end in the open, or a wall on their way.
+
+    Parameters
+    ----------
+    pose : (3,)
+        map_from_base; the rays are taken to begin there.
+    """
+    ends_m = transform_points(pose, scan.points_m)
+    cells = grid.cells(ends_m)
+    inside = grid.contains(cells)
+    rows, cols = cells[inside, 0], cells[inside, 1]
+    is_denied = np.zeros(len(ends_m), dtype=bool)
+    is_denied[inside] = grid.is_free[rows, cols] & (
+        grid.distance_m()[rows, cols] > IN_THE_OPEN_M
+    )
+    ranges_m = np.hypot(*scan.points_m.T)
+    along_m = np.arange(grid.resolution_m, float(ranges_m.max()), grid.resolution_m)  # (S,)
+    directions = (ends_m - pose[:2]) / ranges_m[:, None]
+    passed_m = pose[:2] + along_m[:, None] * directions[:, None, :]  # (N, S, 2)
+    is_wall = grid.log_odds_at(passed_m) > WALL_LOG_ODDS
+    is_before_end = along_m < ranges_m[:, None] - BEFORE_END_M
+    return float((is_denied | (is_wall & is_before_end).any(axis=1)).mean())

@@ -119,7 +119,7 @@ class _Plot:
             self._draw.circle((self._centre, self._centre), radius, outline=_RULE, width=SMOOTH)
             label = f"{range_m:g} m"
             self._text(self._at(math.radians(-75.0), range_m), label)
-        for degrees in range(-180, 180, SPOKE_DEG):
+        for degrees in range(-180 + SPOKE_DEG, 181, SPOKE_DEG):
             bearing = math.radians(degrees)
             self._line(bearing, 0.0, self._outer_m, _RULE, 1)
             rim_m = self._outer_m * (1.0 + 0.5 * RIM_PX * SMOOTH / self._radius)
@@ -160,7 +160,7 @@ def _draw_footer(image: Image, picture: PolarPicture) -> None:
     draw.text((16, SIZE_PX + 10), picture.caption, fill=_INK, font=font)
     x, y = 16.0, SIZE_PX + 45
     for colour, label in (
-        (_HERE, "LRF, looking up"),
+        (_HERE, "LRF, ahead is up"),
         (_VALID, "reading"),
         (_WEAK, "weak reading"),
         (_NONE, "no reading (on the rim)"),

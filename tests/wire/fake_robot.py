@@ -20,6 +20,18 @@ MAP = {
 }
 
 
+NEXT = {
+    "run": "0001-lab",
+    "state": "waiting",
+    "reason": "min-gap",
+    "goal": {"x_m": 1.0, "y_m": -2.0, "heading_rad": 3.0},
+    "bearing_rad": 0.5,
+    "distance_m": 2.0,
+    "way_m": 2.1,
+    "turn_rad": -1.0,
+}
+
+
 class FakeRobot:
     """Answers at once, except where `gate` is set: there `stop` waits."""
 
@@ -66,6 +78,24 @@ class FakeRobot:
     async def map(self, format: str) -> bytes:
         self.calls.append(("map", format))
         return self.maps[format]
+
+    async def next(self) -> dict[str, Any]:
+        self.calls.append("next")
+        return dict(NEXT)
+
+    async def next_picture(self) -> bytes:
+        return MAP["png"]
+
+    async def here(self) -> dict[str, Any]:
+        self.calls.append("here")
+        return dict(NEXT)
+
+    async def skip(self) -> dict[str, Any]:
+        self.calls.append("skip")
+        return {"run": "0001-lab", "state": "complete", "reason": "all seen", "goal": None}
+
+    async def scan(self) -> bytes:
+        return MAP["png"]
 
     async def runs(self) -> list[dict[str, Any]]:
         return [

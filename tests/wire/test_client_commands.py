@@ -29,6 +29,9 @@ CLIENT_COMMANDS = [
     ["clear"],
     ["status"],
     ["map"],
+    ["next"],
+    ["here"],
+    ["scan"],
     ["runs"],
 ]
 
@@ -96,6 +99,30 @@ def test_runs_are_listed_and_deleted(
     assert main(["runs", "delete", "0009-none"]) == 1
 
 
+def test_next_and_here_say_where_to_go(
+    robot: FakeRobot, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    drawn = tmp_path / "next.png"
+    assert main(["next", "-o", str(drawn)]) == 0
+    assert drawn.read_bytes() == MAP["png"]
+    assert main(["here"]) == 0
+    first, where, why, *again = capsys.readouterr().out.splitlines()
+    assert first.startswith("go 2.00 m 29 deg to the left, then look 57 deg to the right of")
+    assert where == "in the map: x 1.00 m, y -2.00 m, heading 172 deg"
+    assert why == "why: min-gap"
+    assert again == [first, where, why]
+    assert main(["next", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["distance_m"] == 2.0
+    assert main(["next", "--skip"]) == 0
+    assert capsys.readouterr().out == "complete: all seen\n"
+    assert robot.calls == ["next", "here", "next", "skip"]
+
+
+def test_scan_is_a_picture_in_a_file(robot: FakeRobot, tmp_path: Path) -> None:
+    assert main(["scan", "-o", str(tmp_path / "s.png")]) == 0
+    assert (tmp_path / "s.png").read_bytes() == MAP["png"]
+
+
 @pytest.mark.parametrize(
     ("options", "wanted"),
     [
@@ -125,14 +152,17 @@ def test_map_to_a_pipe_is_the_very_bytes(robot: FakeRobot, config: Path) -> None
     assert subprocess.run(command, capture_output=True, check=True).stdout == MAP["png"]
 
 
-def test_a_picture_is_not_sent_to_a_terminal(robot: FakeRobot) -> None:
+@pytest.mark.parametrize("name", ["map", "scan"])
+def test_a_picture_is_not_sent_to_a_terminal(robot: FakeRobot, name: str) -> None:
     terminal, end = pty.openpty()
-    command = [sys.executable, "-m", "ins_robot", "map"]
+    command = [sys.executable, "-m", "ins_robot", name]
     result = subprocess.run(command, stdout=end, stderr=subprocess.PIPE, text=True, check=False)
     os.close(end)
     os.close(terminal)
     assert result.returncode == 1
-    assert result.stderr.startswith("ins-robot: map: a PNG is binary and stdout is a terminal")
+    assert result.stderr.startswith(
+        f"ins-robot: {name}: a PNG is binary and stdout is a terminal"
+    )
     assert result.stderr.count("\n") == 1
     assert robot.calls == []
 
