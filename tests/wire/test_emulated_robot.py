@@ -2,6 +2,7 @@
 """The robot in real time: emulated devices in one process, the daemon in another, the CLI."""
 
 import json
+import math
 import os
 import signal
 import subprocess
@@ -18,12 +19,14 @@ INS_ROBOT = [sys.executable, "-m", "ins_robot"]
 class Robot:
     """Two processes and their configuration."""
 
-    def __init__(self, directory: Path) -> None:
+    def __init__(self, directory: Path, *options: str) -> None:
         self.config = directory / "emulated.toml"
         self.environment = os.environ | {"INS_ROBOT_CONFIG": str(self.config)}
         self.log = directory / "daemon.log"
         emulate = [*INS_ROBOT, "emulate", "rooms", "--config-out", str(self.config)]
-        self.emulator = subprocess.Popen(emulate, stdout=subprocess.PIPE, text=True)
+        self.emulator = subprocess.Popen(
+            [*emulate, *options], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        )
         wait_for(self.config.exists, "the emulated configuration")
         with self.log.open("w") as log:
             self.daemon = subprocess.Popen(
@@ -47,7 +50,16 @@ class Robot:
             process.send_signal(signal.SIGTERM)
             process.wait(20)
         assert self.emulator.stdout is not None
+        assert self.emulator.stdin is not None
         self.emulator.stdout.close()
+        self.emulator.stdin.close()
+
+    def carry(self, *numbers: float) -> str:
+        """Type a line to the emulator; its answer."""
+        assert self.emulator.stdout is not None
+        assert self.emulator.stdin is not None
+        print("carry", *numbers, file=self.emulator.stdin, flush=True)
+        return self.emulator.stdout.readline()
 
 
 def wait_for(is_true: Callable[[], bool], what: str, timeout_s: float = 40.0) -> None:
@@ -99,6 +111,30 @@ def test_a_run_from_start_to_map_in_real_time(robot: Robot, tmp_path: Path) -> N
     assert json.loads(robot.say("runs", "--json").stdout) == []
     assert robot.peak_rss_mb() <= 150.0
     assert "Traceback" not in robot.log.read_text()
+
+
+def test_a_person_carries_the_lrf_in_real_time(tmp_path: Path) -> None:
+    robot = Robot(tmp_path, "--set", "base.kind=manual")
+    try:
+        assert robot.emulator.stdout is not None
+        assert "carry BEARING_DEG" in robot.emulator.stdout.readline()
+        robot.emulator.stdout.readline()
+        wait_for(lambda: robot.status()["missing"] == [], "the LRF")
+        assert robot.say("scan").stdout.startswith(b"\x89PNG")
+        assert robot.say("start").returncode == 0
+        assert robot.say("here").stdout.startswith(b"go ")
+        told = json.loads(robot.say("next", "--json").stdout)
+        bearing, turn = math.degrees(told["bearing_rad"]), math.degrees(told["turn_rad"])
+        assert robot.carry(bearing, told["distance_m"], turn).startswith("put down at ")
+        assert robot.say("here").returncode == 0
+        picture = tmp_path / "next.png"
+        assert robot.say("next", "-o", str(picture)).returncode == 0
+        assert picture.read_bytes().startswith(b"\x89PNG")
+        assert robot.status()["scans"] == 2
+        assert robot.say("stop").stdout.strip() == b"0001-run"
+        assert "Traceback" not in robot.log.read_text()
+    finally:
+        robot.close()
 
 
 def test_another_program_reads_the_emulated_lrf(tmp_path: Path) -> None:
