@@ -11,12 +11,13 @@ import pytest
 from PIL import Image
 
 from ins_robot.cli.commands.where_next import words
+from ins_robot.cli.main import main
 from ins_robot.config import load
 from ins_robot.core.carried_core import CarriedCore
 from ins_robot.daemon.commands import DaemonCommands
 from ins_robot.daemon.run_store import RunStore
 from ins_robot.daemon.runtime import Robot
-from ins_robot.errors import ConfigError, StateError
+from ins_robot.errors import ConfigError, DeviceError, StateError
 from ins_robot.geometry.pose2 import Pose2
 from ins_robot.simulation.harness import SimulatedRobot
 from ins_robot.simulation.virtual_clock import run_virtual
@@ -112,6 +113,30 @@ def test_a_scan_that_fits_nowhere_leaves_the_map_and_sends_the_person_back(
         await _walk_to_goal(robot, simulated)
         await commands.here()
         assert mission.core.scans == 3
+        await commands.skip()
+        await commands.stop()
+
+    run_virtual(_live(story, tmp_path))
+    run, again = tmp_path / "0001-lost", tmp_path / "again"
+    assert main(["replay", str(run), "--out", str(again)]) == 0
+    for name in ("map.pgm", "trajectory.tum", "graph.json"):
+        assert (again / name).read_bytes() == (run / name).read_bytes()
+
+
+def test_an_lrf_unplugged_on_the_way_costs_the_scan_and_not_the_run(tmp_path: Path) -> None:
+    async def story(commands: DaemonCommands, robot: Robot, simulated: SimulatedRobot) -> None:
+        await commands.start("cable")
+        await commands.here()
+        goal = (await commands.next())["goal"]
+        lrf, robot.pipeline._lrf = robot.pipeline._lrf, None
+        with pytest.raises(DeviceError, match="not connected"):
+            await commands.here()
+        robot.pipeline._lrf = lrf
+        assert (await commands.next())["goal"] == goal
+        await _walk_to_goal(robot, simulated)
+        await commands.here()
+        assert robot.mission is not None
+        assert robot.mission.core.scans == 2
         await commands.stop()
 
     run_virtual(_live(story, tmp_path))
