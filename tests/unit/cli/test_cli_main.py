@@ -20,8 +20,8 @@ from ins_robot.config import Config, load, reference_toml
 from ins_robot.errors import DeviceError, RobotError
 
 ISSUE_COMMANDS = {
-    "daemon", "start", "stop", "pause", "resume", "estop", "clear", "status", "map", "runs",
-    "check-config", "simulate", "replay", "emulate",
+    "daemon", "start", "stop", "pause", "resume", "estop", "clear", "status", "map", "next",
+    "here", "scan", "runs", "check-config", "simulate", "replay", "emulate",
 }  # fmt: skip
 
 
