@@ -16,7 +16,7 @@ from ins_robot.mapping.polar_picture import (
     ring_step_m,
 )
 from ins_robot.messages import LaserScan
-from ins_robot.sensing.drivers.lrf_revolutions import range_std_m
+from ins_robot.sensing.range_error import range_std_m
 from ins_robot.sensing.scan_summary import polar_picture
 
 CONFIG = LrfConfig()
@@ -27,7 +27,7 @@ def revolution(weak: slice, silent: slice) -> LaserScan:
     bearings = np.radians(np.arange(-180.0, 180.0))
     ranges = np.full(360, 3.0)
     ranges[silent] = np.nan
-    stds = range_std_m(ranges, CONFIG)
+    stds = range_std_m(ranges, CONFIG.range_std_floor_m, CONFIG.range_std_per_m3)
     stds[weak] *= CONFIG.weak_return_factor
     return LaserScan(
         stamp_s=0.0,
