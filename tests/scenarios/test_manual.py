@@ -99,7 +99,7 @@ def test_a_scan_that_fits_nowhere_leaves_the_map_and_sends_the_person_back(
         grid = mission.core.survey.grid.log_odds.copy()
         await _walk_to_goal(robot, simulated)
         good = simulated.body.pose
-        simulated.body.carry(Pose2(good.x_m, good.y_m, good.heading_rad + math.pi / 2.0))
+        simulated.body.carry(Pose2(good.x_m, good.y_m, good.heading_rad + math.pi))
         with pytest.raises(StateError, match=r"fits nowhere .* go back towards node 1 and"):
             await commands.here()
         assert (slam.node_poses == poses).all()
