@@ -20,6 +20,7 @@ from ins_robot.messages import MotionIncrement, VelocityCommand
 
 ROWS = 30_000  # 10 minutes at 50 Hz; standing long counts a row a second
 EXTRAPOLATE_MAX_S = 0.1
+REPEATED = 2.0  # gyro and wheels together err little the same way; docs/results.md
 NOTHING_YET = "no wheel sample has come yet, so no pose is known"
 
 
@@ -145,6 +146,7 @@ class PoseHistory:
             to_stamp_s=to_s,
             delta=start.between(end),
             covariance=covariance,
+            repeated=REPEATED,
         )
 
     def _check(self, from_s: float, to_s: float) -> None:

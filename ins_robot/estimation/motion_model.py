@@ -15,10 +15,6 @@ from ins_robot.geometry.angles import FloatArray
 from ins_robot.geometry.pose2 import compose
 from ins_robot.messages import MotionIncrement
 
-# Odometry errs the same way again and again: against a scan it is worth less than its variance
-# says, or a steady bias leaks into every match. Without a match the variance stands as it is.
-REPEATED_ERRORS = 9.0
-
 
 def chain(first: MotionIncrement, second: MotionIncrement) -> MotionIncrement:
     """Two increments one after the other, as one."""
@@ -34,6 +30,7 @@ def chain(first: MotionIncrement, second: MotionIncrement) -> MotionIncrement:
         delta=first.delta @ second.delta,
         covariance=by_first @ first.covariance @ by_first.T
         + by_second @ second.covariance @ by_second.T,
+        repeated=max(first.repeated, second.repeated),
     )
 
 

@@ -13,7 +13,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ins_robot.estimation.motion_model import REPEATED_ERRORS, sample_motion, turned
+from ins_robot.estimation.motion_model import sample_motion, turned
 from ins_robot.estimation.resampling import (
     effective_sample_size,
     normalise,
@@ -43,11 +43,13 @@ class ParticleFilter:
         self.log_weights = np.zeros(count)
         self._moved = self.poses
         self._motion_covariance = VARIANCE_MIN
+        self._repeated = 1.0
         self._rng = rng
 
     def predict(self, motion: MotionIncrement) -> None:
         """Move every particle by its own draw of the motion."""
         heading_rad = self.mean()[2]
+        self._repeated = motion.repeated
         self._moved = compose(self.poses, motion.delta.as_array())
         self._motion_covariance = turned(motion.covariance, heading_rad) + VARIANCE_MIN
         self.poses = sample_motion(self.poses, motion, self._rng)
@@ -55,11 +57,11 @@ class ParticleFilter:
     def prior(self) -> tuple[FloatArray, FloatArray]:
         """Mean (3,) and covariance (3, 3) of the prediction, without its sampling noise."""
         mean, covariance = _moments(self._moved, normalise(self.log_weights))
-        return mean, covariance + self._motion_covariance * REPEATED_ERRORS
+        return mean, covariance + self._motion_covariance * self._repeated
 
     def weigh(self, match: Alignment, log_likelihood: LogLikelihood) -> None:
         """Draw each particle from motion times match instead; weigh it by the scan itself."""
-        motion_information = np.linalg.inv(self._motion_covariance * REPEATED_ERRORS)
+        motion_information = np.linalg.inv(self._motion_covariance * self._repeated)
         information = motion_information + match.information
         covariance = np.linalg.inv(information)
         ahead = _difference(self._moved, match.pose)  # each particle's motion mean
@@ -80,7 +82,7 @@ class ParticleFilter:
 
     def motion(self) -> tuple[FloatArray, FloatArray]:
         """(P, 3) where the motion leads each particle without noise; its covariance (3, 3)."""
-        return self._moved, self._motion_covariance * REPEATED_ERRORS
+        return self._moved, self._motion_covariance * self._repeated
 
     def draw(self, at: FloatArray, information: FloatArray, push: FloatArray) -> None:
         """Draw each particle from its motion times what it measured, and weigh the difference.

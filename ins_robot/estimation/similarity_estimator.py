@@ -13,7 +13,6 @@ from typing import ClassVar
 
 from ins_robot.estimation.correspondence import correspond
 from ins_robot.estimation.landmarks import LandmarkMaps, Sightings
-from ins_robot.estimation.motion_model import REPEATED_ERRORS
 from ins_robot.estimation.odometry_estimator import OdometryEstimator
 from ins_robot.estimation.pose_fix import fix_pose
 from ins_robot.estimation.protocol import FEATURE_REACH_M, Correction, Observation
@@ -37,7 +36,7 @@ class SimilarityEstimator:
     def predict(self, motion: MotionIncrement) -> None:
         """Take a motion in."""
         self._odometry.predict(motion)
-        worth_less = replace(motion, covariance=motion.covariance * REPEATED_ERRORS)
+        worth_less = replace(motion, covariance=motion.covariance * motion.repeated)
         self._doubtful.predict(worth_less)
 
     def correct(self, observation: Observation) -> Correction | None:

@@ -19,6 +19,7 @@ from ins_robot.mapping.surfels import Surfels
 CELL_M = 0.05
 REACH_CELLS = 7  # how far from a surfel a point still finds it
 SMOOTH_STD_M = 0.08
+GRADE_M = 0.01  # surfels whose deviations differ by less are equally sure
 LEVELS = 4  # cells of the coarsest level are 2^(LEVELS-1) fine ones wide
 
 
@@ -57,8 +58,10 @@ class LikelihoodField:
         high: list[int] = (cells.max(axis=0) + margin + 1).tolist()
         self.width, self.height = high[0] - self._corner[0], high[1] - self._corner[1]
         flat = (cells[:, 1] - self._corner[1]) * self.width + cells[:, 0] - self._corner[0]
-        # one surfel per cell, the oldest node's (least drift): written last, it stays
-        order = np.argsort(-surfels.sources, kind="stable")
+        # one surfel per cell, the surest, of equals the oldest node's (least drift): written
+        # last, it stays
+        grade = np.floor(surfels.std_m / GRADE_M).astype(np.int64)
+        order = np.lexsort((-surfels.sources, -grade))
         table = np.full(self.width * self.height, -1, dtype=np.int32)
         table[flat[order]] = order
         occupied = np.flatnonzero(table >= 0)
