@@ -9,6 +9,7 @@ one line and exit code 1; wrong usage is 2; anything else is a bug and keeps its
 from __future__ import annotations
 
 import argparse
+import difflib
 import importlib
 import os
 import re
@@ -98,12 +99,20 @@ def _run(arguments: Sequence[str]) -> int:
         if command.name == chosen:
             module = importlib.import_module(f"ins_robot.cli.commands.{command.module}")
             module.add_arguments(subparsers[command.name])
+    if module is None and chosen is not None:
+        parser.exit(2, _unknown(chosen) + "\n")
     args = parser.parse_args(arguments)
-    if module is None:  # no command at all; an unknown one has been refused by argparse
+    if module is None:
         parser.print_help(sys.stderr)
         return 2
     code: int = module.run(args)
     return code
+
+
+def _unknown(name: str) -> str:
+    near = difflib.get_close_matches(name, [command.name for command in COMMANDS], n=1)
+    hint = f"did you mean `ins-robot {near[0]}`? " if near else ""
+    return f"ins-robot: no command {name!r}: {hint}`ins-robot --help` lists them"
 
 
 def _parsers() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParser]]:

@@ -213,3 +213,21 @@ def test_a_value_may_begin_with_a_minus() -> None:
     words = ["simulate", "rooms", "--start", "-1.5,2", "--json", "--seed", "-1", "-o", "-x"]
     joined = ["simulate", "rooms", "--start=-1.5,2", "--json", "--seed=-1", "-o", "-x"]
     assert with_values(words) == joined
+
+
+def test_a_mistyped_command_is_told_its_neighbour(capsys):
+    with pytest.raises(SystemExit):
+        main(["strat"])
+    assert "did you mean `ins-robot start`?" in capsys.readouterr().err
+    with pytest.raises(SystemExit):
+        main(["quetzal"])
+    assert capsys.readouterr().err == (
+        "ins-robot: no command 'quetzal': `ins-robot --help` lists them\n"
+    )
+
+
+@pytest.mark.parametrize("words", [["--every", "x"], ["--every", "0"], ["--fov", "wide"]])
+def test_a_number_that_is_none_is_told_what_it_must_be(words, capsys):
+    with pytest.raises(SystemExit):
+        main(["replay", "log", "--out", "d", *words])
+    assert f"argument {words[0]}: '{words[1]}': must be" in capsys.readouterr().err
