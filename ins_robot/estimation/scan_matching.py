@@ -213,15 +213,10 @@ def _kernel(residuals: _Residuals, width: float) -> tuple[FloatArray, FloatArray
 def log_likelihoods(field: LikelihoodField, scan: Surfels, poses: FloatArray) -> FloatArray:
     """(P,) log-likelihood of the scan at each pose, up to a constant; all beams at once.
 
-    A beam that finds nothing counts as the average one: unknown, neither right nor wrong.
+    What finds nothing costs as an outlier: to be weighed are readings known to lie on the map.
     """
-    residuals = _residuals(field, scan, poses)
-    cost, _ = _kernel(residuals, 1.0)
-    outlier_cost = 0.5 * KERNEL_STDS**2 / CORRELATION
-    matched = np.maximum(residuals.is_matched.sum(axis=1), 1)
-    known_cost = cost - outlier_cost * (len(scan) - matched)
-    log_likelihood: FloatArray = -known_cost * len(scan) / matched
-    return log_likelihood
+    cost, _ = _kernel(_residuals(field, scan, poses), 1.0)
+    return -cost
 
 
 def _jacobians(r: _Residuals) -> tuple[FloatArray, FloatArray]:
