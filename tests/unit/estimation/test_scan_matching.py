@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-from ins_robot.estimation.scan_matching import align
+from ins_robot.estimation.scan_matching import align, log_likelihoods
 from ins_robot.geometry.pose2 import Pose2
 from ins_robot.mapping.likelihood_field import LikelihoodField
 from ins_robot.mapping.surfels import Surfels
@@ -50,3 +50,13 @@ def test_edges_seen_from_the_same_side_do(viewer_y_m: float) -> None:
     match = align(field, front, start[None], start, 1e-6 * PRIOR)
     assert match.inliers == 6
     np.testing.assert_allclose(match.pose, true.as_array(), atol=2e-3)
+
+
+def test_a_pose_where_few_readings_fit_well_is_no_better_than_one_where_all_do() -> None:
+    """Six posts 0.6 m apart: shifted by one, five of them fit as well as before."""
+    field = LikelihoodField(posts(viewer_x_m=-2.0, wall_x_m=0.0))
+    true = Pose2(-2.0, 0.0, 0.0)
+    scan = seen_at(true, posts(viewer_x_m=-2.0, wall_x_m=0.0))
+    poses = true.as_array() + np.array([[0.0, 0.0, 0.0], [0.01, 0.01, 0.0], [0.0, 0.6, 0.0]])
+    right, near, shifted = log_likelihoods(field, scan, poses)
+    assert right > near > shifted + 0.5
