@@ -49,8 +49,8 @@ class JournalReplay:
         rng = np.random.default_rng(config.slam.seed)
         self.core = make_core(config, rng, timer_s)
         self.end: Mark | None = None
+        self.decision: Decision | None = None  # the last one
         self._options = options
-        self._decision: Decision | None = None
         self._scans_seen = 0
 
     def feed(self, message: ImuSample | WheelSample | LaserScan | Mark) -> None:
@@ -77,10 +77,10 @@ class JournalReplay:
             case "sweep" if self._is_wanted():
                 self._compute(self.core.prepare_sweep())
             case "replan":
-                self._decision = self.core.replan(Pose2(*payload["pose"]))
-            case "give_up" if isinstance(self._decision, Drive):
+                self.decision = self.core.replan(Pose2(*payload["pose"]))
+            case "give_up" if isinstance(self.decision, Drive):
                 pose = Pose2(*payload["pose"])
-                self._decision = self.core.give_up(self._decision, payload["why"], pose)
+                self.decision = self.core.give_up(self.decision, payload["why"], pose)
             case "end":
                 self.end = mark
 
@@ -95,7 +95,7 @@ class JournalReplay:
         outcome = self.core.compute(job)
         self.core.apply(outcome)
         if outcome.decision is not None:
-            self._decision = outcome.decision
+            self.decision = outcome.decision
 
 
 def replay_journal(

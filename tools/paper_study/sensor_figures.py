@@ -1,0 +1,117 @@
+# SPDX-License-Identifier: MIT
+"""Figures of the range finder: 3 its error, 4 a polar sweep, 7 features on the range signal."""
+
+from __future__ import annotations
+
+import math
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+from compare_sensor import SPECIFIED, fitted_laws
+from matplotlib import pyplot as plt
+from matplotlib.axes import Axes
+from sensor_study import recordings, samples, simulated
+from sensor_study.plots import draw_error_characteristic
+
+from ins_robot.config import Config
+from ins_robot.estimation.protocol import FEATURE_REACH_M
+from ins_robot.mapping.features import EDGE_M, EDGE_SLOPE, FeatureKind, features_of_scan
+from ins_robot.messages import LaserScan
+from paper_study import drawing
+from paper_study.recorded import Recorded, record, replayed
+
+BEARING_STD_RAD = math.radians(Config().slam.bearing_std_deg)
+MARKS = {
+    FeatureKind.OBJECT: ("o", "#d62839", "object"),
+    FeatureKind.WALL_END: (">", "#f08214", "wall end"),
+    FeatureKind.INNER_CORNER: ("v", "#114b91", "inner corner"),
+    FeatureKind.OUTER_CORNER: ("^", "#169660", "outer corner"),
+}
+
+
+def figure_3(out: Path, data: Path) -> str:
+    """The error characteristic, real and simulated."""
+    if not data.exists():
+        return f"not drawn: no recordings in {data}"
+    botvac = [
+        recordings.read_recording(data / "robot" / f"{name}.csv") for name in recordings.BOTVAC
+    ]
+    is_open = recordings.open_beams(botvac)
+    real = [still for recording in botvac for still in recording.standstills(is_open)]
+    homes = [data / "worlds" / f"{name}.yaml" for name in samples.HOMES]
+    turns = simulated.stand_in_homes(
+        homes, Config().simulation, is_open, samples.PLACES, samples.SEEDS[0]
+    )
+    laws = fitted_laws(real)
+    shown = {f"{name}, fitted": laws[name] for name in ("cubic", "square")}
+    draw_error_characteristic(
+        real,
+        [turn.standstill for turn in turns],
+        shown | {"specification": SPECIFIED},
+        out / "figure3.png",
+    )
+    return f"error characteristic of single readings; cubic: {laws['cubic']}"
+
+
+def figure_4(out: Path) -> str:
+    """One sweep of 360 degrees."""
+    recorded = record(out, "clutter")
+    scan = first_scan(recorded)
+    figure, ax = plt.subplots(figsize=(4.6, 4.6), subplot_kw={"projection": "polar"})
+    is_valid = np.isfinite(scan.ranges_m)
+    ax.vlines(scan.bearings_rad[is_valid], 0.0, scan.ranges_m[is_valid], "#dce8f7", lw=0.8)
+    ax.plot(scan.bearings_rad, scan.ranges_m, ".", ms=3, color=drawing.NODE)
+    ax.set_theta_zero_location("N")
+    ax.tick_params(labelsize=7)
+    ax.set_rlabel_position(200.0)
+    figure.tight_layout(pad=0.8)
+    drawing.save(figure, out / "figure4.png")
+    return f"{recorded.command}, first scan: {is_valid.sum()} of {len(is_valid)} beams answer"
+
+
+def figure_7(out: Path) -> str:
+    """The range signal of a scan, its derivative, and what was found."""
+    recorded = record(out, "clutter")
+    scan = first_scan(recorded)
+    features = features_of_scan(scan, BEARING_STD_RAD, FEATURE_REACH_M)
+    figure, (above, below) = plt.subplots(2, 1, figsize=(9.0, 5.0), sharex=True)
+    degrees = np.degrees(scan.bearings_rad) % 360.0
+    order = np.argsort(degrees)
+    degrees, ranges_mm = degrees[order], 1e3 * scan.ranges_m[order]
+    above.plot(degrees, ranges_mm, "-", lw=0.8, marker=".", ms=3, color=drawing.WAY)
+    at = np.degrees(np.arctan2(features.points_m[:, 1], features.points_m[:, 0])) % 360.0
+    far_mm = 1e3 * np.hypot(*features.points_m.T)
+    for kind, (mark, colour, label) in MARKS.items():
+        of_kind = features.kinds == kind
+        text = f"{label} ({of_kind.sum()})"
+        above.plot(at[of_kind], far_mm[of_kind], mark, ms=7, mfc="none", mec=colour, label=text)
+    above.set_ylabel("range, mm")
+    above.legend(fontsize=7, ncols=4, loc="upper center")
+    above.set_ylim(0.0, 1.25 * float(np.nanmax(ranges_mm)))
+    _draw_derivative(below, degrees, ranges_mm)
+    figure.tight_layout(pad=0.6)
+    drawing.save(figure, out / "figure7.png")
+    counts = {label: int((features.kinds == k).sum()) for k, (_, _, label) in MARKS.items()}
+    found = ", ".join(f"{count} {label}" for label, count in counts.items())
+    return f"{recorded.command}, first scan: {found}"
+
+
+def _draw_derivative(ax: Axes, degrees: np.ndarray, ranges_mm: np.ndarray) -> None:
+    """Differences of neighbouring readings, and the step from which one is an edge."""
+    step_mm = np.diff(ranges_mm)
+    edge_mm = 1e3 * EDGE_M + EDGE_SLOPE * np.minimum(
+        ranges_mm[1:], ranges_mm[:-1]
+    ) * np.radians(np.diff(degrees))
+    ax.plot(degrees[1:], step_mm, "-", lw=0.9, color=drawing.INK, label="differentiated signal")
+    for sign, label in ((1.0, "beyond this: an edge"), (-1.0, None)):
+        ax.plot(degrees[1:], sign * edge_mm, ":", lw=0.9, color=drawing.ODOMETRY, label=label)
+    ax.set_ylabel("range step, mm")
+    ax.set_xlabel("beam index (one a degree, counter-clockwise from ahead)")
+    ax.legend(fontsize=7, loc="upper right")
+
+
+def first_scan(recorded: Recorded) -> LaserScan:
+    """The scan of 360 degrees that a run begins with, five revolutions combined."""
+    (replay,) = islice(replayed(recorded), 1)
+    return replay.core.survey.slam.nodes[0].scan
