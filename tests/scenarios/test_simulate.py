@@ -2,6 +2,7 @@
 """The whole daemon explores a world by itself, leaves its files, and can be replayed."""
 
 import json
+import math
 from pathlib import Path
 
 import numpy as np
@@ -55,6 +56,27 @@ def test_the_trajectory_is_near_the_truth_everywhere(rooms_run: tuple[Path, dict
 def test_lrf_is_on_only_while_scanning(rooms_run: tuple[Path, dict]) -> None:
     _, summary = rooms_run
     assert 0.0 < summary["lrf_on_s"] < 0.6 * summary["duration_s"]
+
+
+def test_a_continuous_lrf_is_on_all_the_time_and_feeds_slam_on_the_way(
+    ins_robot, tmp_path: Path
+) -> None:
+    words = ("--seed", 0, "--out", tmp_path, "--json", "--set", "lrf.power=continuous")
+    summary = json.loads(ins_robot("simulate", "clutter", *words).stdout)
+    assert summary["state"] == "complete"
+    assert summary["coverage"] >= 0.97
+    assert summary["localization_rmse_m"] <= 0.10
+    assert summary["lrf_on_s"] > 0.95 * summary["duration_s"]
+    assert summary["sweeps"] > summary["duration_s"]  # three turns a second, but standing
+
+
+def test_the_first_scan_looks_all_around_and_later_ones_forward(
+    rooms_run: tuple[Path, dict],
+) -> None:
+    directory, _ = rooms_run
+    nodes = json.loads((directory / "graph.json").read_text())["nodes"]
+    half_deg = [math.degrees(node["sector"][1]) for node in nodes]
+    assert half_deg == pytest.approx([180.0] + [150.0] * (len(nodes) - 1))
 
 
 def test_the_same_seed_gives_the_same_bytes(

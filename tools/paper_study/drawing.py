@@ -87,4 +87,5 @@ def scale_bar(ax: Axes, length_m: float = 1.0) -> None:
     """A bar in the lower right corner."""
     x, y = ax.get_xlim()[1] - 0.25, ax.get_ylim()[0] + 0.2
     ax.plot([x - length_m, x], [y, y], color=INK, lw=2.0, solid_capstyle="butt")
-    ax.text(x - 0.5 * length_m, y + 0.1, f"{length_m:g} m", ha="center", fontsize=7, color=INK)
+    text = f"{length_m:g} m "
+    ax.text(x - length_m, y, text, ha="right", va="center", fontsize=7, color=INK)

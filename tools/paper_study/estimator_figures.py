@@ -42,14 +42,16 @@ def figure_8(out: Path) -> str:
     odometry, _ = _replay(recorded, "odometry")
     similarity, _ = _replay(recorded, "similarity")
     fastslam, clouds = _replay(recorded, "fastslam")
+    particle, _ = _replay(recorded, "particle")
     before = ("(a) before", odometry)
     _draw(recorded, [before, ("(b) similarity transform", similarity)], out, "similarity")
     _draw(
         recorded,
         [
             before,
-            ("(b) particle filter (FastSLAM)", fastslam),
-            ("(c) its particles at each scan, and their mean", fastslam),
+            ("(b) FastSLAM on features", fastslam),
+            ("(c) particle filter on whole scans", particle),
+            ("(d) FastSLAM's particles, their mean", fastslam),
         ],
         out,
         "particles",
@@ -80,8 +82,10 @@ def _draw(
     corners = drawing.world_points_m(world, start)
     _, true = recorded.truth()
     sides = np.ptp(corners, axis=0)
-    size = (4.2 * len(panels), 4.2 * sides[1] / sides[0] + 0.75)
-    figure, axes = plt.subplots(1, len(panels), figsize=size)
+    rows = len(panels) // 2
+    size = (8.4, rows * (4.2 * sides[1] / sides[0] + 0.4) + 0.4)
+    figure, grid = plt.subplots(rows, 2, figsize=size)
+    axes = list(grid.flat)
     for k, (ax, (title, core)) in enumerate(zip(axes, panels, strict=True)):
         drawing.show_walls(ax, world, start)
         _, way = core.corrected_trajectory()
@@ -98,7 +102,7 @@ def _draw(
     drawing.scale_bar(axes[0], 2.0)
     labelled = [zip(*ax.get_legend_handles_labels(), strict=True) for ax in axes]
     handles = {label: handle for pairs in labelled for handle, label in pairs}
-    figure.tight_layout(pad=0.6, rect=(0.0, 0.07, 1.0, 1.0))
+    figure.tight_layout(pad=0.6, rect=(0.0, 0.35 / size[1], 1.0, 1.0))
     figure.legend(
         handles.values(), handles.keys(), loc="lower center", ncols=5, fontsize=8, frameon=False
     )

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import math
-from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -17,9 +16,8 @@ from sensor_study.plots import draw_error_characteristic
 from ins_robot.config import Config
 from ins_robot.estimation.protocol import FEATURE_REACH_M
 from ins_robot.mapping.features import EDGE_M, EDGE_SLOPE, FeatureKind, features_of_scan
-from ins_robot.messages import LaserScan
 from paper_study import drawing
-from paper_study.recorded import Recorded, record, replayed
+from paper_study.recorded import finished, record, replayed
 
 BEARING_STD_RAD = math.radians(Config().slam.bearing_std_deg)
 MARKS = {
@@ -56,15 +54,15 @@ def figure_3(out: Path, data: Path) -> str:
 
 def figure_4(out: Path) -> str:
     """One sweep of 360 degrees."""
-    recorded = record(out, "clutter")
-    scan = first_scan(recorded)
+    recorded = record(out, "rooms")
+    scan = next(replayed(recorded)).core.survey.slam.nodes[0].scan
     figure, ax = plt.subplots(figsize=(4.6, 4.6), subplot_kw={"projection": "polar"})
     is_valid = np.isfinite(scan.ranges_m)
     ax.vlines(scan.bearings_rad[is_valid], 0.0, scan.ranges_m[is_valid], "#dce8f7", lw=0.8)
     ax.plot(scan.bearings_rad, scan.ranges_m, ".", ms=3, color=drawing.NODE)
     ax.set_theta_zero_location("N")
     ax.tick_params(labelsize=7)
-    ax.set_rlabel_position(200.0)
+    ax.set_rlabel_position(22.5)
     figure.tight_layout(pad=0.8)
     drawing.save(figure, out / "figure4.png")
     return f"{recorded.command}, first scan: {is_valid.sum()} of {len(is_valid)} beams answer"
@@ -73,14 +71,18 @@ def figure_4(out: Path) -> str:
 def figure_7(out: Path) -> str:
     """The range signal of a scan, its derivative, and what was found."""
     recorded = record(out, "clutter")
-    scan = first_scan(recorded)
-    features = features_of_scan(scan, BEARING_STD_RAD, FEATURE_REACH_M)
+    survey = finished(recorded).survey
+    stands = {node.id for node in survey.explorer.graph.nodes}
+    nodes = [node for node in survey.slam.nodes if node.id in stands]  # no sweeps
+    found = [features_of_scan(n.scan, BEARING_STD_RAD, FEATURE_REACH_M) for n in nodes]
+    richest = max(range(len(nodes)), key=lambda k: (len(set(found[k].kinds)), len(found[k])))
+    scan, features = nodes[richest].scan, found[richest]
     figure, (above, below) = plt.subplots(2, 1, figsize=(9.0, 5.0), sharex=True)
-    degrees = np.degrees(scan.bearings_rad) % 360.0
+    degrees = np.degrees(scan.bearings_rad)
     order = np.argsort(degrees)
     degrees, ranges_mm = degrees[order], 1e3 * scan.ranges_m[order]
     above.plot(degrees, ranges_mm, "-", lw=0.8, marker=".", ms=3, color=drawing.WAY)
-    at = np.degrees(np.arctan2(features.points_m[:, 1], features.points_m[:, 0])) % 360.0
+    at = np.degrees(np.arctan2(features.points_m[:, 1], features.points_m[:, 0]))
     far_mm = 1e3 * np.hypot(*features.points_m.T)
     for kind, (mark, colour, label) in MARKS.items():
         of_kind = features.kinds == kind
@@ -93,8 +95,8 @@ def figure_7(out: Path) -> str:
     figure.tight_layout(pad=0.6)
     drawing.save(figure, out / "figure7.png")
     counts = {label: int((features.kinds == k).sum()) for k, (_, _, label) in MARKS.items()}
-    found = ", ".join(f"{count} {label}" for label, count in counts.items())
-    return f"{recorded.command}, first scan: {found}"
+    told = ", ".join(f"{count} {label}" for label, count in counts.items())
+    return f"{recorded.command}, scan {richest + 1} of {len(nodes)}: {told}"
 
 
 def _draw_derivative(ax: Axes, degrees: np.ndarray, ranges_mm: np.ndarray) -> None:
@@ -107,11 +109,5 @@ def _draw_derivative(ax: Axes, degrees: np.ndarray, ranges_mm: np.ndarray) -> No
     for sign, label in ((1.0, "beyond this: an edge"), (-1.0, None)):
         ax.plot(degrees[1:], sign * edge_mm, ":", lw=0.9, color=drawing.ODOMETRY, label=label)
     ax.set_ylabel("range step, mm")
-    ax.set_xlabel("beam index (one a degree, counter-clockwise from ahead)")
+    ax.set_xlabel("bearing, degrees counter-clockwise from ahead; one reading a degree")
     ax.legend(fontsize=7, loc="upper right")
-
-
-def first_scan(recorded: Recorded) -> LaserScan:
-    """The scan of 360 degrees that a run begins with, five revolutions combined."""
-    (replay,) = islice(replayed(recorded), 1)
-    return replay.core.survey.slam.nodes[0].scan
