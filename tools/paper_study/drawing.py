@@ -37,7 +37,11 @@ def save(figure: Figure, path: Path) -> None:
     buffer = io.BytesIO()
     figure.savefig(buffer, dpi=DPI, facecolor="white")
     plt.close(figure)
-    image = Image.open(buffer).convert("RGB")
+    save_image(Image.open(buffer).convert("RGB"), path)
+
+
+def save_image(image: Image.Image, path: Path) -> None:
+    """Write a picture (RGB) as a PNG of few colours."""
     image.quantize(PALETTE, dither=Image.Dither.NONE).save(path, optimize=True)
 
 

@@ -26,7 +26,7 @@ from ins_robot.logs.journal import read_journal
 from ins_robot.logs.replay_journal import JournalOptions, JournalReplay
 from ins_robot.logs.run_directory import SUMMARY, TRUTH, read_tum
 from ins_robot.mapping.map_files import TernaryMap
-from ins_robot.messages import Mark
+from ins_robot.messages import LaserScan, Mark
 from ins_robot.navigation.explorer import Drive, Finished
 
 
@@ -88,6 +88,17 @@ def replayed(recorded: Recorded, overrides: Sequence[str] = ()) -> Iterator[Jour
         replay.feed(message)
         if isinstance(message, Mark) and message.kind == "node_scan":
             yield replay
+
+
+def first_revolutions(recorded: Recorded) -> list[LaserScan]:
+    """What the first scan is made of, the turn all around."""
+    revolutions = []
+    for message in read_journal(recorded.directory / "run.journal")[1]:
+        if isinstance(message, LaserScan):
+            revolutions.append(message)
+        if isinstance(message, Mark) and message.kind == "node_scan":
+            break
+    return revolutions
 
 
 def finished(recorded: Recorded, overrides: Sequence[str] = ()) -> RunCore:

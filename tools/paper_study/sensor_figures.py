@@ -16,10 +16,13 @@ from sensor_study.plots import draw_error_characteristic
 from ins_robot.config import Config
 from ins_robot.estimation.protocol import FEATURE_REACH_M
 from ins_robot.mapping.features import EDGE_M, EDGE_SLOPE, FeatureKind, features_of_scan
+from ins_robot.mapping.polar_picture import draw_polar
+from ins_robot.sensing.scan_summary import polar_picture
 from paper_study import drawing
-from paper_study.recorded import finished, record, replayed
+from paper_study.recorded import finished, first_revolutions, record
 
 BEARING_STD_RAD = math.radians(Config().slam.bearing_std_deg)
+POLAR_SHRINK = 2
 MARKS = {
     FeatureKind.OBJECT: ("o", "#d62839", "object"),
     FeatureKind.WALL_END: (">", "#f08214", "wall end"),
@@ -53,19 +56,11 @@ def figure_3(out: Path, data: Path) -> str:
 
 
 def figure_4(out: Path) -> str:
-    """One sweep of 360 degrees."""
+    """One sweep of 360 degrees, as `ins-robot scan` shows it."""
     recorded = record(out, "rooms")
-    scan = next(replayed(recorded)).core.survey.slam.nodes[0].scan
-    figure, ax = plt.subplots(figsize=(4.6, 4.6), subplot_kw={"projection": "polar"})
-    is_valid = np.isfinite(scan.ranges_m)
-    ax.vlines(scan.bearings_rad[is_valid], 0.0, scan.ranges_m[is_valid], "#dce8f7", lw=0.8)
-    ax.plot(scan.bearings_rad, scan.ranges_m, ".", ms=3, color=drawing.NODE)
-    ax.set_theta_zero_location("N")
-    ax.tick_params(labelsize=7)
-    ax.set_rlabel_position(22.5)
-    figure.tight_layout(pad=0.8)
-    drawing.save(figure, out / "figure4.png")
-    return f"{recorded.command}, first scan: {is_valid.sum()} of {len(is_valid)} beams answer"
+    picture = polar_picture(first_revolutions(recorded), Config().lrf)
+    drawing.save_image(draw_polar(picture).reduce(POLAR_SHRINK), out / "figure4.png")
+    return f"{recorded.command}, first scan: {picture.caption}"
 
 
 def figure_7(out: Path) -> str:
