@@ -276,6 +276,7 @@ class Odometry:
                 wheel_std_mps=REST_STD_MPS,
                 wheel_yaw_std_radps=REST_STD_RADPS,
                 gyro_std_radps=config.gyro_std_radps,
+                is_at_rest=True,
             )
         return MotionNoise(
             wheel_std_mps=config.wheel_std_mps,

@@ -49,6 +49,7 @@ class MotionNoise:
     wheel_std_mps: float
     wheel_yaw_std_radps: float
     gyro_std_radps: float
+    is_at_rest: bool = False  # what the gyro reads is its bias then
 
 
 # Correlations dropped at each step: all of the pose's but those with the velocity, which last a
@@ -184,7 +185,8 @@ class CentralKalman:
         if gyro_radps is None:
             return self._update([vx_mps, vy_mps, yaw_rate_radps], _WHEELS_H, variances)
         variances.append(noise.gyro_std_radps**2)
-        return self._update([vx_mps, vy_mps, yaw_rate_radps, gyro_radps], _BOTH_H, variances)
+        values = [vx_mps, vy_mps, yaw_rate_radps, gyro_radps]
+        return self._update(values, _BOTH_H, variances, learns_bias=noise.is_at_rest)
 
     def update_gyro(self, gyro_radps: float, std_radps: float) -> bool:
         """Correct with the gyro alone (bias not removed); as `update_wheels`."""
@@ -210,7 +212,7 @@ class CentralKalman:
             return
         PHT = P[:, State.FIELD_BEARING] - P[:, State.HEADING]
         K = PHT / (PHT[State.FIELD_BEARING] - PHT[State.HEADING] + variance)
-        K[State.POSITION] = 0.0
+        K[State.POSITION] = K[State.GYRO_BIAS] = 0.0
         expected = float(ekf.x[State.FIELD_BEARING]) - heading
         ekf.x = ekf.x + K * wrap_rad(direction_rad - expected)
         I_KH = np.eye(State.SIZE)
@@ -219,7 +221,19 @@ class CentralKalman:
         ekf.P = I_KH @ P @ I_KH.T + np.outer(K, K) * variance
         self._settle()
 
-    def _update(self, values: list[float], H: FloatArray, variances: list[float]) -> bool:
+    def _update(
+        self,
+        values: list[float],
+        H: FloatArray,
+        variances: list[float],
+        *,
+        learns_bias: bool = True,
+    ) -> bool:
+        """Correct; without `learns_bias` as a Schmidt-Kalman update that leaves it alone.
+
+        Unequal wheels turn a driving base a little, always the same way: no noise, but minutes
+        of it would pass for the gyro's bias.
+        """
         ekf = self._ekf
         x_prior, P_prior = ekf.x, ekf.P
         z, R = np.array(values), np.diag(variances)
@@ -230,7 +244,14 @@ class CentralKalman:
         if not is_plausible:
             self.surprises += 1
             ekf.x, ekf.P = x_prior, P_prior
-            ekf.update(z, lambda _x: H, H.dot, R=R * (surprise / INNOVATION_GATE))
+            R *= surprise / INNOVATION_GATE
+            ekf.update(z, lambda _x: H, H.dot, R=R)
+        if not learns_bias:
+            K = ekf.K
+            K[State.GYRO_BIAS] = 0.0
+            I_KH = np.eye(State.SIZE) - K @ H
+            ekf.x = x_prior + K @ ekf.y
+            ekf.P = I_KH @ P_prior @ I_KH.T + K @ R @ K.T
         self._settle()
         return is_plausible
 

@@ -84,11 +84,24 @@ def test_steady_state_integrates_the_measured_way_without_lag() -> None:
 
 def test_rest_makes_the_gyro_its_own_bias() -> None:
     kalman = moving()
-    rest = MotionNoise(wheel_std_mps=2e-4, wheel_yaw_std_radps=2e-4, gyro_std_radps=0.002)
+    rest = MotionNoise(
+        wheel_std_mps=2e-4, wheel_yaw_std_radps=2e-4, gyro_std_radps=0.002, is_at_rest=True
+    )
     for _ in range(20 * 50):
         kalman.predict(DT)
         kalman.update_wheels(0.0, 0.0, 0.0, rest, 0.0115)
     assert float(kalman.state[State.GYRO_BIAS]) == pytest.approx(0.0115, abs=3e-4)
+
+
+def test_unequal_wheels_do_not_pass_for_the_gyros_bias() -> None:
+    """A minute straight ahead on a wheel 1 % too large: the encoders see a turn, the gyro none."""
+    kalman = CentralKalman(KalmanConfig())
+    kalman.reset(gyro_bias_radps=0.0, gyro_bias_std_radps=1e-4)
+    for _ in range(60 * 50):
+        kalman.predict(DT)
+        kalman.update_wheels(0.2, 0.0, 0.013, NOISE, 0.0)
+    assert float(kalman.state[State.GYRO_BIAS]) == 0.0
+    assert abs(float(kalman.state[State.HEADING])) < 0.01
 
 
 def test_surprise_is_used_with_care() -> None:
@@ -147,7 +160,9 @@ def test_a_robot_at_rest_that_learns_its_bias_does_not_slide_along_its_way() -> 
     kalman = CentralKalman(KalmanConfig())
     kalman.reset(gyro_bias_radps=0.0, gyro_bias_std_radps=0.02)
     driving = MotionNoise(wheel_std_mps=0.01, wheel_yaw_std_radps=0.05, gyro_std_radps=0.002)
-    resting = MotionNoise(wheel_std_mps=1e-4, wheel_yaw_std_radps=1e-4, gyro_std_radps=0.002)
+    resting = MotionNoise(
+        wheel_std_mps=1e-4, wheel_yaw_std_radps=1e-4, gyro_std_radps=0.002, is_at_rest=True
+    )
     for _ in range(2000):
         kalman.predict(0.02)
         kalman.update_wheels(0.2, 0.0, 0.0, driving, gyro_radps=0.005)
