@@ -94,7 +94,7 @@ def test_rest_makes_the_gyro_its_own_bias() -> None:
 
 
 def test_unequal_wheels_do_not_pass_for_the_gyros_bias() -> None:
-    """A minute straight ahead on a wheel 1 % too large: the encoders see a turn, the gyro none."""
+    """A minute ahead on a wheel 1 % too large: the encoders see a turn, the gyro none."""
     kalman = CentralKalman(KalmanConfig())
     kalman.reset(gyro_bias_radps=0.0, gyro_bias_std_radps=1e-4)
     for _ in range(60 * 50):
