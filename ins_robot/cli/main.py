@@ -52,6 +52,7 @@ COMMANDS = (
     Command("check-config", "check_config", "check a configuration file"),
     Command("simulate", "simulate", "explore a simulated world with the whole daemon"),
     Command("replay", "replay", "run the core on a recording or a log"),
+    Command("localize", "localize", "where on a finished map a log's robot is"),
     Command("emulate", "emulate", "the devices in real time, for `daemon` and other programs"),
 )
 

@@ -20,7 +20,7 @@ from ins_robot.estimation.slam import Slam
 from ins_robot.geometry.angles import FloatArray
 from ins_robot.geometry.pose2 import Pose2
 from ins_robot.logs.memory import peak_rss_mb
-from ins_robot.logs.sensor_log import LogRecord, SensorLog
+from ins_robot.logs.sensor_log import SensorLog
 
 Progress = Callable[[float], None]
 
@@ -53,21 +53,12 @@ def replay_log(
     slam = Slam(config.slam, config.map, log.base_from_lrf, rng, log.range_trusted_m)
     slam_ms: list[float] = []
     scan_rows: list[int] = []
-    last = log.records[0]
-    since_scan = _Way(last)
-    for row, record in enumerate(log.records):
-        since_scan.add(record)
-        if record.scan is None:
-            continue
-        motion = log.motion_model.increment(
-            last, record, since_scan.length_m, since_scan.turn_rad
-        )
+    for step in log.scan_steps():
         step_begun_s = clock()
-        slam.step(record.scan, motion, None)
+        slam.step(step.scan, step.motion, None)
         slam_ms.append(1e3 * (clock() - step_begun_s))
-        scan_rows.append(row)
-        last, since_scan = record, _Way(record)
-        progress((row + 1) / len(log.records))
+        scan_rows.append(step.row)
+        progress((step.row + 1) / len(log.records))
     if not scan_rows:
         raise InputError(f"{name}: the log has no scan")
 
@@ -97,22 +88,6 @@ def replay_log(
         slam_ms=slam_ms,
         notes=slam.notes(),
     )
-
-
-class _Way:
-    """How far the odometry went, step by step, since a record."""
-
-    def __init__(self, start: LogRecord) -> None:
-        self.length_m = 0.0
-        self.turn_rad = 0.0
-        self._last = start.odom_from_base
-
-    def add(self, record: LogRecord) -> None:
-        """One record further."""
-        step = self._last.between(record.odom_from_base)
-        self.length_m += Pose2().distance_m(step)
-        self.turn_rad += abs(step.heading_rad)
-        self._last = record.odom_from_base
 
 
 def corrected_by(

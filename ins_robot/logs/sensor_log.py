@@ -9,7 +9,7 @@ noise; nothing of the configured robot enters.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -99,6 +99,15 @@ class UnknownMotion(MotionModel):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class ScanStep:
+    """A scan, the motion since the scan before it, and the row of its record."""
+
+    row: int
+    scan: LaserScan
+    motion: MotionIncrement
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class SensorLog:
     """A log as read: its records, and what its robot was.
 
@@ -117,6 +126,22 @@ class SensorLog:
     def scan_count(self) -> int:
         """How many records are scans."""
         return sum(record.scan is not None for record in self.records)
+
+    def scan_steps(self) -> Iterator[ScanStep]:
+        """The scans, each with the motion that led to it since the last one."""
+        last = self.records[0]
+        way_m = turn_rad = 0.0
+        before = last
+        for row, record in enumerate(self.records):
+            step = before.odom_from_base.between(record.odom_from_base)
+            way_m += Pose2().distance_m(step)
+            turn_rad += abs(step.heading_rad)
+            before = record
+            if record.scan is None:
+                continue
+            motion = self.motion_model.increment(last, record, way_m, turn_rad)
+            yield ScanStep(row=row, scan=record.scan, motion=motion)
+            last, way_m, turn_rad = record, 0.0, 0.0
 
     def without_odometry(self) -> SensorLog:
         """The same log as if the robot had had no wheels to ask."""

@@ -38,21 +38,27 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--every",
-        type=_positive,
+        type=positive,
         default=1,
         metavar="N",
         help="take every Nth scan only (odometry is kept)",
     )
+    add_fov_argument(parser)
+    parser.add_argument("--json", action="store_true", help="print summary.json")
+
+
+def add_fov_argument(parser: argparse.ArgumentParser) -> None:
+    """Add `--fov DEG`, which CARMEN's `FLASER` lines do not tell."""
     parser.add_argument(
         "--fov",
         type=_degrees,
         metavar="DEG",
         help="what the beams of FLASER lines span, when not 180 degrees",
     )
-    parser.add_argument("--json", action="store_true", help="print summary.json")
 
 
-def _positive(text: str) -> int:
+def positive(text: str) -> int:
+    """A whole number of at least 1."""
     if not text.isdecimal() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"{text!r}: must be a whole number of at least 1")
     return int(text)

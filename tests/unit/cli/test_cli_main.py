@@ -21,7 +21,7 @@ from ins_robot.errors import DeviceError, RobotError
 
 ISSUE_COMMANDS = {
     "daemon", "start", "stop", "pause", "resume", "estop", "clear", "status", "map", "next",
-    "here", "scan", "runs", "check-config", "simulate", "replay", "emulate",
+    "here", "scan", "runs", "check-config", "simulate", "replay", "localize", "emulate",
 }  # fmt: skip
 
 
