@@ -2,7 +2,7 @@
 """A scan laid on a finished map from many poses at once: refined, and judged.
 
 `everywhere` tries every place and heading (correlative search, Olson 2009); `refine` is robust
-Gauss-Newton on the signed distances to the walls; `judge` is the likelihood-field model (Thrun,
+Gauss-Newton on the distances to the walls; `judge` is the likelihood-field model (Thrun,
 Burgard, Fox 2005, section 6.4) with one thing that model lacks: a beam that would have had to
 pass a wall to end where it did has failed, however well its end fits.
 Poses are map_from_base, (P, 3).
@@ -133,10 +133,7 @@ class Refined:
 def refine(
     field: DistanceMap, beams: Beams, starts: FloatArray, prior_information: FloatArray
 ) -> Refined:
-    """Descend from each of `starts`, held back there by `prior_information` (3,), a diagonal.
-
-    The kernel starts wide only where the prior is loose enough to need it.
-    """
+    """Descend from each of `starts`, held back there by `prior_information` (3,), a diagonal."""
     poses = np.array(starts)
     prior = np.diag(prior_information)
     for iteration in range(ITERATIONS):

@@ -14,7 +14,9 @@ from pathlib import Path
 import numpy as np
 
 from ins_robot import config as configuration
+from ins_robot.core.carried_core import CarriedCore, make_core
 from ins_robot.core.run_core import RunCore
+from ins_robot.errors import InputError
 from ins_robot.estimation.motion_model import chain
 from ins_robot.geometry.pose2 import Pose2
 from ins_robot.logs.journal import JournalMessages, read_journal
@@ -45,10 +47,12 @@ def open_scans(
     Raises
     ------
     InputError
-        If it cannot be read.
+        If it cannot be read, or `fov_deg` is given for what tells its own.
     """
     kind, file = find_log(path)
     if kind is LogKind.JOURNAL:
+        if fov_deg is not None:
+            raise InputError(f"--fov: {file} is {kind.value} and brings its own bearings")
         return _of_journal(file, rng)
     log = read_log(kind, file, fov_deg)
     return ScanSource(
@@ -60,7 +64,7 @@ def open_scans(
 def _of_journal(path: Path, rng: np.random.Generator) -> ScanSource:
     header, messages = read_journal(path)
     config = configuration.loads(header.config_toml, f"{path} (recorded configuration)")
-    core = RunCore(config, rng, lambda: 0.0)
+    core = make_core(config, rng, lambda: 0.0)
     return ScanSource(
         base_from_lrf=Pose2(config.lrf.x_m, config.lrf.y_m, 0.0),
         steps=_journal_steps(core, messages),
@@ -78,6 +82,8 @@ def _journal_steps(core: RunCore, messages: JournalMessages) -> Iterator[ScanAnd
                 core.on_revolution(message)
             case Mark(kind="scan_begin"):
                 core.begin_scan()
+            case Mark(kind="put_down") if isinstance(core, CarriedCore):
+                core.put_down(message.stamp_s, Pose2(*message.payload["pose"]))
             case Mark(kind="node_scan"):
                 job = core.prepare_node_scan(message.payload["set_rpm"])
                 yield job.scan, job.motion

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: MIT
-"""Signed distance to the walls of a finished map: smooth across a wall's face, for matching.
+"""Distance to the walls of a finished map, smooth, for matching; negative deep inside them.
 
-Positive in front of a wall, negative inside it, 0 at its face; unknown cells are no walls. Far
-from any wall the distance is cut off, so that what lies there neither pulls nor counts.
+Readings made the cells of a wall, so it is 0 at their centres, all through walls that are thin:
+at a face it would have one optimum on either side. Unknown cells are no walls. Far from any
+wall the distance is cut off, so that what lies there neither pulls nor counts.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from ins_robot.geometry.angles import FloatArray
 from ins_robot.mapping.map_files import BoolArray, GridView
 
 REACH_M = 1.0  # distances are cut off here
+THIN_CELLS = 2  # a cell this near the wall's surface is as good as on it
 
 
 class DistanceMap:
@@ -27,7 +29,7 @@ class DistanceMap:
         Outer corner (x, y) of cell (0, 0), rim included.
     is_occupied, is_free : (H, W) bool
     signed_m : (H, W) float32
-        From each cell's centre to the nearest face of a wall, within +-`REACH_M`.
+        From each cell's centre to the nearest of a wall's cells, within +-`REACH_M`.
     """
 
     def __init__(self, grid: GridView, rim_m: float = REACH_M) -> None:
@@ -42,9 +44,9 @@ class DistanceMap:
     def _signed(self) -> NDArray[np.float32]:
         if not self.is_occupied.any():
             return np.full(self.is_occupied.shape, REACH_M, np.float32)
-        outside = distance_transform_edt(~self.is_occupied) - 0.5
-        inside = 0.5 - distance_transform_edt(self.is_occupied)
-        signed_m = np.where(self.is_occupied, inside, outside) * self.resolution_m
+        outside = distance_transform_edt(~self.is_occupied)
+        inside = distance_transform_edt(self.is_occupied) - THIN_CELLS
+        signed_m = (outside - np.maximum(inside, 0.0)) * self.resolution_m
         return np.asarray(np.clip(signed_m, -REACH_M, REACH_M), dtype=np.float32)
 
     def cells(self, points_m: FloatArray) -> FloatArray:

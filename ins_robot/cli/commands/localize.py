@@ -35,11 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "log", type=Path, metavar="LOG", help="what `replay` reads; its scans are looked up"
     )
     parser.add_argument(
-        "--skip",
-        type=int,
-        default=0,
-        metavar="N",
-        help="leave out the first N scans of the log",
+        "--skip", type=_count, default=0, metavar="N", help="leave out the log's first N scans"
     )
     parser.add_argument(
         "--scans",
@@ -50,6 +46,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_fov_argument(parser)
     parser.add_argument("--json", action="store_true", help="one JSON object on stdout")
+
+
+def _count(text: str) -> int:
+    if not text.isdecimal():
+        raise argparse.ArgumentTypeError(f"{text!r}: must be a whole number, 0 or more")
+    return int(text)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -66,7 +68,7 @@ def run(args: argparse.Namespace) -> int:
     source = open_scans(args.log, np.random.default_rng(0), args.fov)
     localizer = GlobalLocalizer(grid, source.base_from_lrf)
     verdict, stamp_s, used = None, 0.0, 0
-    steps = islice(source.steps, max(0, args.skip), None)
+    steps = islice(source.steps, args.skip, None)
     for scan, motion in islice(spaced(steps), args.scans):
         verdict = localizer.step(scan, motion)
         stamp_s, used = scan.stamp_s, used + 1

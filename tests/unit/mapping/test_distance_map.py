@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Signed distances: right at known places, smooth across a wall's face, harmless far away."""
+"""Distances to walls: right at known places, with their slopes, harmless far away."""
 
 import numpy as np
 import pytest
@@ -21,11 +21,27 @@ def test_distances_before_within_and_behind_a_wall():
     field = DistanceMap(wall_along_y())
     points = np.array([[0.625, 3.025], [1.05, 3.025], [1.475, 3.025], [-0.9, 3.0]])
     distance, by_x, by_y = field.with_slope(points)
-    assert distance[:3] == pytest.approx([0.375, -0.05, 0.275], abs=1e-6)
+    assert distance[:3] == pytest.approx([0.4, 0.0, 0.3], abs=1e-6)
     assert distance[3] == REACH_M
-    assert by_x[:3] == pytest.approx([-1.0, -1.0, 1.0], abs=1e-5)
+    assert by_x[:3] == pytest.approx([-1.0, 0.0, 1.0], abs=1e-5)
     assert np.abs(by_y).max() < 1e-5
     np.testing.assert_array_equal([by_x[3], by_y[3]], 0.0)
+
+
+def test_only_deep_inside_solid_walls_it_is_negative():
+    is_occupied = np.zeros((40, 60), dtype=bool)
+    is_occupied[:, 20:] = True
+    solid = DistanceMap(
+        TernaryMap(
+            resolution_m=0.05,
+            origin_m=(0.0, 0.0),
+            is_occupied=is_occupied,
+            is_free=~is_occupied,
+        )
+    )
+    points = np.stack([0.925 + 0.05 * np.arange(7), np.full(7, 1.025)], axis=-1)
+    distance, _, _ = solid.with_slope(points)
+    np.testing.assert_allclose(distance, [0.1, 0.05, 0.0, 0.0, -0.05, -0.1, -0.15], atol=1e-6)
 
 
 def test_slopes_are_the_derivatives():
