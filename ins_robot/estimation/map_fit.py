@@ -133,7 +133,7 @@ class Refined:
 def refine(
     field: DistanceMap, beams: Beams, starts: FloatArray, prior_information: FloatArray
 ) -> Refined:
-    """Descend from each of `starts`, held back there by `prior_information` (3,), a diagonal."""
+    """Descend from `starts`, held back there by `prior_information` (3,), a diagonal."""
     poses = np.array(starts)
     prior = np.diag(prior_information)
     for iteration in range(ITERATIONS):
