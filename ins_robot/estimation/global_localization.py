@@ -16,6 +16,7 @@ from itertools import pairwise
 import numpy as np
 
 from ins_robot.estimation.map_fit import Beams, everywhere, judge, refine
+from ins_robot.estimation.motion_model import chain
 from ins_robot.estimation.resampling import normalise
 from ins_robot.geometry.angles import FloatArray, wrap_rad
 from ins_robot.geometry.pose2 import Pose2, compose, inverse
@@ -24,6 +25,7 @@ from ins_robot.mapping.map_files import GridView
 from ins_robot.mapping.occupancy_grid import IntArray
 from ins_robot.messages import LaserScan, MotionIncrement
 
+BEAMS_MIN = 12  # a scan of fewer readings is passed over, its motion is not
 CANDIDATES = 800  # of a search, refined
 HYPOTHESES_MAX = 200
 SEARCHED_SCANS = 3  # after these a search is made only where nothing fits any more
@@ -63,7 +65,10 @@ class Ambiguous:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Lost:
-    """No place of the map fits what is seen; the best fits that share of the readings."""
+    """No place of the map fits what is seen; the best fits that share of the readings.
+
+    0: nothing was seen, the scan has next to no reading.
+    """
 
     fit_share: float
 
@@ -122,11 +127,18 @@ class GlobalLocalizer:
         self._base_from_lrf = base_from_lrf
         self._past: list[_Step] = []
         self._scans = 0
+        self._unused: MotionIncrement | None = None
         self._hypotheses: _Hypotheses | None = None
 
     def step(self, scan: LaserScan, motion: MotionIncrement) -> Verdict:
         """Take in a scan and the motion since the last one (of the first it is not used)."""
-        now = _Step(beams=Beams.of(scan, self._base_from_lrf), motion=motion)
+        if self._unused is not None:
+            motion = chain(self._unused, motion)
+        beams = Beams.of(scan, self._base_from_lrf)
+        if len(beams) < BEAMS_MIN:
+            self._unused = motion
+            return Lost(fit_share=0.0)
+        now, self._unused = _Step(beams=beams, motion=motion), None
         self._scans += 1
         self._past = [*self._past, now][-PAST_SCANS:]
         followed = None if self._hypotheses is None else self._follow(self._hypotheses, now)

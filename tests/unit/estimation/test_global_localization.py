@@ -103,6 +103,17 @@ def test_a_robot_carried_off_is_not_sure_until_it_is_found_again():
     assert found >= 3
 
 
+def test_a_blind_scan_is_passed_over_and_its_motion_is_not():
+    rng = np.random.default_rng(9)
+    localizer = GlobalLocalizer(map_of(ROOM), Pose2())
+    verdicts = []
+    for k, (pose, scan, moved) in enumerate(drive(ROOM, Pose2(1.5, 1.2, 0.3), 4, rng)):
+        seen = scan_in(ROOM, pose, rng, missing=1.0) if k == 2 else scan
+        verdicts.append(localizer.step(seen, moved))
+    assert [type(verdict) for verdict in verdicts[1:]] == [Located, Lost, Located]
+    assert off(verdicts[-1].pose, pose)[0] < 0.05
+
+
 def test_moving_the_map_moves_the_answer_and_nothing_else():
     poses = []
     for moved_m in ((0.0, 0.0), (-13.0, 7.5)):
