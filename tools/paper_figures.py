@@ -8,7 +8,8 @@
 
 Figures go to OUT/figureN.png, what they show and the runs behind them to stdout. Figure 3 needs
 the recordings (--data). Figure 6 and --questions run five worlds with each seed, some 20 s a
-run; runs in OUT are not run again, so after a change of the code take another OUT. Needs matplotlib (filterpy brings it).
+run; runs in OUT are not run again, so after a change of the code take another OUT. Needs
+matplotlib (filterpy brings it).
 """
 
 from __future__ import annotations
