@@ -47,7 +47,7 @@ class Survey:
     def __init__(self, config: Config, rng: np.random.Generator, timer_s: Timer) -> None:
         lrf = config.lrf
         base_from_lrf = Pose2(lrf.x_m, lrf.y_m, 0.0)  # the driver has applied the yaw
-        self.slam = Slam(config.slam, config.map, base_from_lrf, rng)
+        self.slam = Slam(config.slam, config.map, base_from_lrf, rng, lrf.range_trusted_m)
         self.explorer = Explorer(config.exploration, config.robot, lrf)
         self.grid: OccupancyGrid = self.slam.grid
         self.slam_ms: list[float] = []

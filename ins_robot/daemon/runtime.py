@@ -134,7 +134,7 @@ class Robot:
 
     def _mission(self, name: str, journal: JournalWriter) -> RunUnderWay:
         rng = np.random.default_rng(self.config.slam.seed)
-        core = make_core(self.config, rng, time.perf_counter)
+        core = make_core(self.config, rng, time.thread_time)
         scanner, worker = (lambda: self.pipeline.scanner), self._survey_worker
         if isinstance(core, CarriedCore):
             return ManualMission(name, self.config, core, scanner, worker, journal)
