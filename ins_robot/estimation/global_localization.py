@@ -37,7 +37,8 @@ SAME_M, SAME_RAD = 0.3, math.radians(12.0)
 HOPELESS = 25.0  # nats behind the best: dropped
 
 SURE_SHARE = 0.99  # of the weight, to be located
-SURE_FIT = 0.8  # of the last scan and of the last few; a foreign map gets 0.77 at best
+SURE_FIT = 0.8  # of the last scan and of the last few: foreign maps seldom fit that well ...
+SOON_FIT = 0.9  # ... but a small room may do so for a scan or two: of fewer than FIT_SCANS
 SURE_STD_M = 0.15  # wider: a corridor without an end
 SURE_SCANS = 2
 FIT_SCANS = 5
@@ -210,9 +211,10 @@ class GlobalLocalizer:
         weights = normalise(hypotheses.log_weights)
         covariance = np.linalg.inv(hypotheses.information[0])
         is_narrow = math.sqrt(float(np.linalg.eigvalsh(covariance[:2, :2])[-1])) < SURE_STD_M
+        enough = SURE_FIT if self._scans >= FIT_SCANS else SOON_FIT
         if (
             weights[0] >= SURE_SHARE
-            and min(fit_share, hypotheses.last_fits[0]) >= SURE_FIT
+            and min(fit_share, hypotheses.last_fits[0]) >= enough
             and is_narrow
             and self._scans >= SURE_SCANS
         ):
