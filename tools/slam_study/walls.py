@@ -20,6 +20,7 @@ BIN_M = 0.04
 THIN_M = 0.02  # returns closer together vote once
 VOTES_MIN = 40
 GATE_M = 0.2
+SINE_MAX = 0.4
 FIT_M = 0.06  # only what is this near pulls at the line
 GAP_M = 0.3
 LENGTH_MIN_M = 0.8
@@ -46,8 +47,11 @@ class Wall:
         return np.where(is_own, distance, np.inf)
 
 
-def distances_to_walls_m(points_m: FloatArray) -> FloatArray:
-    """(M,) distances of those of the points (N, 2) that belong to a wall, the nearest one."""
+def distances_to_walls_m(points_m: FloatArray, normals: FloatArray) -> FloatArray:
+    """(M,) distances of those of the points (N, 2) that belong to a wall, the nearest one.
+
+    What faces elsewhere than the wall, by its own neighbours' `normals` (N, 2), is not of it.
+    """
     left = points_m
     nearest = np.full(len(points_m), np.inf)
     is_dead: set[tuple[int, int]] = set()
@@ -61,7 +65,9 @@ def distances_to_walls_m(points_m: FloatArray) -> FloatArray:
         for wall in found:
             left = left[~np.isfinite(wall.distances_m(left))]
             # into corners, which the wall found first has taken
-            nearest = np.minimum(nearest, wall.distances_m(points_m, GATE_M))
+            distance_m = wall.distances_m(points_m, GATE_M)
+            faces_away = np.abs(normals @ wall.direction) > SINE_MAX
+            nearest = np.minimum(nearest, np.where(faces_away, np.inf, distance_m))
         if len(left) < VOTES_MIN:
             break
     return nearest[np.isfinite(nearest)]

@@ -93,21 +93,21 @@ def test_the_camera_does_not_mind_where_its_frame_is(tmp_path):
 
 
 def walls(rng, offset_m, noise_m=0.004):
-    """(N, 2) returns from the walls of a corner, and from one once more, off by that."""
+    """(N, 2) returns and normals of a corner, one of its walls seen once more, off by that."""
     along = rng.uniform(0.0, 4.0, (3, 1500))
     noise = rng.normal(0.0, noise_m, (3, 1500))
-    return np.concatenate(
-        [
-            np.stack([along[0], noise[0]], axis=-1),
-            np.stack([noise[1], along[1]], axis=-1),
-            np.stack([along[2], noise[2] + offset_m], axis=-1),
-        ]
-    )
+    points = [
+        np.stack([along[0], noise[0]], axis=-1),
+        np.stack([noise[1], along[1]], axis=-1),
+        np.stack([along[2], noise[2] + offset_m], axis=-1),
+    ]
+    normals = np.repeat([[0.0, 1.0], [1.0, 0.0], [0.0, 1.0]], 1500, axis=0)
+    return np.concatenate(points), normals
 
 
 def test_a_wall_seen_twice_at_two_places_is_one_thick_wall():
     rng = np.random.default_rng(0)
-    thin, thick = (distances_to_walls_m(walls(rng, offset)) for offset in (0.0, 0.1))
+    thin, thick = (distances_to_walls_m(*walls(rng, offset)) for offset in (0.0, 0.1))
     assert len(thin) > 4300
     assert np.percentile(thin, 90) == pytest.approx(1.645 * 0.004, rel=0.15)
     assert np.percentile(thick, 90) > 0.04
