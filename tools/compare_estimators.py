@@ -51,7 +51,7 @@ def main() -> int:
     lines = args.out.read_text().splitlines() if args.out.exists() else []
     rows = [json.loads(line) for line in lines]
     done = {(row["run"], row["estimator"]) for row in rows}
-    runs = sorted(path.parent for path in args.runs.glob("*/run.journal"))
+    runs = sorted(path.parent for path in args.runs.glob("*/truth.tum"))
     todo = [(r, e) for r in runs for e in estimators if (r.name, e) not in done]
     work = partial(replay, worlds=args.worlds, overrides=args.overrides)
     with ProcessPoolExecutor(args.jobs) as pool, args.out.open("a") as file:
