@@ -4,9 +4,9 @@
 Every beam is sampled along its free way, finer than a cell; its end is a hit. A beam without a
 reading frees only what the sensor means by silence: everything where silence means "nothing
 there", else as far as the nearer of the two readings beside its run, and never past a bound:
-walls seen at a grazing angle fall silent too. What lies within that bound but beyond the
-neighbours is quiet: an open door to a large room, or a glass one. Weak and far returns weigh
-less.
+walls seen at a grazing angle fall silent too. A narrow run may be a dark leg, which is no nearer
+than it would fill the run. What lies within the bound but beyond the neighbours of a wide run is
+quiet: an open door to a large room, or a glass one. Weak and far returns weigh less.
 """
 
 from __future__ import annotations
@@ -23,7 +23,8 @@ from ins_robot.messages import LaserScan
 
 MISS_WEIGHT_MIN = 0.25  # the way of a noisy beam was free all the same
 SAMPLE_SHARE = 0.6  # a beam is looked at this often per cell: only touched corners are skipped
-QUIET_RUN = 8  # fewer silent beams side by side say nothing: lost readings
+QUIET_RAD = math.radians(12.0)  # narrower silent runs are lost readings, or a dark leg
+LEG_M = 0.04  # thinner things are not looked for in a silent run
 FULL_TURN_SHARE = 0.97  # bearings that span this share of a turn close on themselves
 
 
@@ -60,13 +61,17 @@ def draw_scan(
     bearings = scan.bearings_rad[order] + map_from_lrf.heading_rad
     step_col, step_row = np.cos(bearings) / resolution_m, np.sin(bearings) / resolution_m
     start_col, start_row = map_from_lrf.x_m / resolution_m, map_from_lrf.y_m / resolution_m
-    free_m = free_ranges_m(scan, resolution_m, silent_free_m, beam_max_m)[order]
+    runs = silent_runs(scan)
+    free_m = free_ranges_m(scan, runs, resolution_m, silent_free_m, beam_max_m)[order]
     ranges = scan.ranges_m[order]
     hit = np.nan_to_num(ranges, nan=np.inf) <= beam_max_m
     hit_col = np.floor(start_col + step_col[hit] * ranges[hit]).astype(np.int64)
     hit_row = np.floor(start_row + step_row[hit] * ranges[hit]).astype(np.int64)
 
-    quiet_m = np.where(is_in_silent_run(scan)[order], silent_free_m, 0.0)
+    says_nothing = ~scan.is_valid & (runs.width_rad >= QUIET_RAD)
+    if scan.is_free_when_silent:
+        says_nothing[:] = False
+    quiet_m = np.where(says_nothing[order], silent_free_m, 0.0)
     reach = np.maximum(np.maximum(free_m, quiet_m), np.where(hit, ranges, 0.0))
     if not (reach > 0.0).any():
         nothing = np.zeros((0, 0))
@@ -98,22 +103,6 @@ def draw_scan(
     return ScanFootprint(corner=(row, col), evidence=evidence, is_quiet=is_quiet)
 
 
-def is_in_silent_run(scan: LaserScan) -> NDArray[np.bool_]:
-    """(B,) beams without a reading among at least `QUIET_RUN` such side by side."""
-    if scan.is_free_when_silent:
-        return np.zeros(len(scan.ranges_m), bool)
-    order = np.argsort(scan.bearings_rad, kind="stable")
-    silent = np.concatenate([[0], ~scan.is_valid[order], [0]]).astype(np.int8)
-    edges = np.flatnonzero(np.diff(silent))
-    starts, ends = edges[::2], edges[1::2]
-    counts = np.zeros(len(order), bool)
-    for start, end in zip(starts, ends, strict=True):
-        counts[start:end] = end - start >= QUIET_RUN
-    result = np.empty(len(order), bool)
-    result[order] = counts
-    return result
-
-
 def beam_weights(scan: LaserScan, resolution_m: float) -> FloatArray:
     """(B,) in (0, 1]: near 1 while the range is surer than half a cell, then falling.
 
@@ -128,8 +117,24 @@ def beam_weights(scan: LaserScan, resolution_m: float) -> FloatArray:
     return weights
 
 
+@dataclass(frozen=True, slots=True)
+class SilentRuns:
+    """The run of silent beams that each beam (B,) belongs to; meaningless for readings.
+
+    `nearer_m` is the nearer of the two readings beside the run, 0 where it has an open end;
+    `width_rad` is the angle between them, infinite where it has.
+    """
+
+    nearer_m: FloatArray
+    width_rad: FloatArray
+
+
 def free_ranges_m(
-    scan: LaserScan, resolution_m: float, silent_free_m: float, beam_max_m: float
+    scan: LaserScan,
+    runs: SilentRuns,
+    resolution_m: float,
+    silent_free_m: float,
+    beam_max_m: float,
 ) -> FloatArray:
     """(B,) how far each beam's way is known to be free; 0 where nothing is."""
     valid = scan.is_valid
@@ -137,35 +142,38 @@ def free_ranges_m(
     noise = np.where(valid, scan.range_std_m, 0.0)
     silent = min(scan.range_max_m, beam_max_m)
     if not scan.is_free_when_silent:
-        reach = min(silent_free_m, silent)
-        ranges = np.where(valid, ranges, np.minimum(_nearer_neighbour_m(scan), reach))
+        reach = np.minimum(runs.nearer_m, min(silent_free_m, silent))
+        # Nearer than this a dark leg would hide more beams than fell silent.
+        no_leg_m = np.where(runs.width_rad < QUIET_RAD, LEG_M / runs.width_rad, np.inf)
+        ranges = np.where(valid, ranges, np.minimum(reach, no_leg_m))
     # the last cell before the end, and what noise reaches, stay untouched
     end = ranges - np.maximum(resolution_m, 2.0 * np.nan_to_num(noise))
     return np.asarray(np.clip(np.minimum(end, silent), 0.0, None))
 
 
-def _nearer_neighbour_m(scan: LaserScan) -> FloatArray:
-    """(B,) the nearer of the two readings beside each silent run; 0 at an open end."""
+def silent_runs(scan: LaserScan) -> SilentRuns:
+    """Find the silent runs of a scan; those of a whole turn close on themselves."""
     valid = scan.is_valid
-    if not valid.any():
-        return np.zeros(len(valid))
     count = len(valid)
+    if not valid.any():
+        return SilentRuns(np.zeros(count), np.full(count, np.inf))
     order = np.argsort(scan.bearings_rad, kind="stable")
-    sorted_valid, sorted_ranges = valid[order], scan.ranges_m[order]
     bearings = scan.bearings_rad[order]
     span = (bearings[-1] - bearings[0]) * count / max(count - 1, 1)
-    where = np.flatnonzero(sorted_valid)
+    where = np.flatnonzero(valid[order])
     after = np.searchsorted(where, np.arange(count))  # index of the next valid beam
-    before = after - 1
-    ranges = sorted_ranges[where]
+    ranges, bounds = scan.ranges_m[order][where], bearings[where]
     if span >= FULL_TURN_SHARE * 2.0 * math.pi:
-        nearer = np.minimum(ranges[before % len(where)], ranges[after % len(where)])
+        turn = 2.0 * math.pi
+        ranges = np.concatenate([ranges[-1:], ranges, ranges[:1]])
+        bounds = np.concatenate([bounds[-1:] - turn, bounds, bounds[:1] + turn])
     else:
-        padded = np.concatenate([[0.0], ranges, [0.0]])
-        nearer = np.minimum(padded[before + 1], padded[after + 1])
-    result = np.empty(count)
-    result[order] = nearer
-    return result
+        ranges = np.concatenate([[0.0], ranges, [0.0]])
+        bounds = np.concatenate([[-np.inf], bounds, [np.inf]])
+    nearer, width = np.empty(count), np.empty(count)
+    nearer[order] = np.minimum(ranges[after], ranges[after + 1])
+    width[order] = bounds[after + 1] - bounds[after]
+    return SilentRuns(nearer, width)
 
 
 def _along_ways(free_m: FloatArray, step_m: float) -> tuple[FloatArray, NDArray[np.int64]]:

@@ -160,3 +160,22 @@ def test_a_few_lost_readings_are_not_quiet_ground():
 def test_where_silence_means_free_nothing_is_quiet():
     scan = scan_of(np.full(360, np.nan), is_free_when_silent=True)
     assert not grid_of((scan, Pose2())).is_quiet.any()
+
+
+@pytest.mark.parametrize("away_m", [0.3, 0.5, 0.75, 0.95])
+def test_a_dark_leg_does_not_become_free_ground(away_m):
+    """5 cm thick, it swallows every beam that meets it; the walls around answer."""
+    bearings = np.radians(np.arange(360.0))
+    is_swallowed = np.abs(np.sin(bearings / 2.0)) < np.sin(np.arctan(0.025 / away_m) / 2.0)
+    scan = scan_of(np.where(is_swallowed, np.nan, 2.0), bearings=bearings)
+    grid = grid_of(*[(scan, Pose2(0.003 * k, 0.025, 0.0)) for k in range(5)])
+    assert not grid.is_free[tuple(grid.cells(np.array([away_m + 0.03, 0.025])))]
+    assert grid.is_free[tuple(grid.cells(np.array([0.15, 0.025])))]
+
+
+def test_a_single_lost_reading_still_frees_its_way():
+    bearings = np.radians(np.arange(360.0))
+    ranges = np.full(360, 2.0)
+    ranges[[0, 120]] = np.nan
+    grid = grid_of((scan_of(ranges, bearings=bearings), Pose2()))
+    assert grid.is_free[tuple(grid.cells(np.array([0.8, 0.0])))]
