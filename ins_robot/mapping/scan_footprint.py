@@ -4,9 +4,9 @@
 Every beam is sampled along its free way, finer than a cell; its end is a hit. A beam without a
 reading frees only what the sensor means by silence: everything where silence means "nothing
 there", else as far as the nearer of the two readings beside its run, and never past a bound:
-walls seen at a grazing angle fall silent too. A narrow run may be a dark leg, which is no nearer
-than it would fill the run. What lies within the bound but beyond the neighbours of a wide run is
-quiet: an open door to a large room, or a glass one. Weak and far returns weigh less.
+walls seen at a grazing angle fall silent too. A narrow run may be a dark leg, which is no
+nearer than it would fill the run. What lies within the bound but beyond the neighbours of a
+wide run is quiet: an open door to a large room, or glass. Weak and far returns weigh less.
 """
 
 from __future__ import annotations

@@ -104,7 +104,7 @@ def test_silence_frees_one_metre_at_most_and_nothing_at_an_open_end():
 
 def test_run_across_the_seam_of_a_full_turn_has_two_neighbours():
     ranges = np.full(360, 2.0)
-    ranges[:5] = ranges[-5:] = np.nan
+    ranges[:7] = ranges[-7:] = np.nan  # too wide to be a dark leg
     grid = grid_of((scan_of(ranges), Pose2()))
     assert grid.log_odds_at(np.array([[-0.8, 0.0]]))[0] < 0.0
 
