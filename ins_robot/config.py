@@ -313,6 +313,9 @@ class SlamConfig:
     node_turn_deg: float = option(
         20.0, "continuous scans: a scan turned this far becomes a node", above=0.0
     )
+    wall_directions: bool = option(
+        True, "particle: most walls run along few directions, which hold the heading"
+    )
     sweep_std_m: float = option(
         0.06, "on_demand: pose uncertainty past which a sweep is taken on the way", above=0.0
     )

@@ -23,6 +23,7 @@ from ins_robot.estimation.placement import INLIERS_MIN, place
 from ins_robot.estimation.protocol import Correction, Observation
 from ins_robot.estimation.rendered_map import RenderedMap
 from ins_robot.estimation.scan_matching import Alignment
+from ins_robot.estimation.wall_directions import WallDirections
 from ins_robot.estimation.wheel_scale import WheelScale, WheelScaleMeter
 from ins_robot.geometry.angles import FloatArray, wrap_rad
 from ins_robot.geometry.pose2 import Pose2, between, compose, inverse
@@ -60,6 +61,7 @@ class Slam:
         self._estimator = make_estimator(config, rng)
         self._nodes = NodeMap()
         self._closer = LoopCloser()
+        self._directions = WallDirections()
         self._rendered = RenderedMap(map_config, base_from_lrf, range_trusted_m)
         self._since_node: MotionIncrement | None = None
         self._travelled_m = 0.0
@@ -86,7 +88,7 @@ class Slam:
             self._wheel_scale.located(self._estimator.pose())
         if self._becomes_node(is_node):
             node = self._add_node(scan, surfels, match)
-            self._close_loops(node, surfels)
+            self._settle(node, surfels)
         self._anchor(scan.stamp_s)
         return PoseEstimate(
             stamp_s=scan.stamp_s, pose=self.pose, covariance=self._estimator.covariance()
@@ -218,23 +220,32 @@ class Slam:
         self._linked = [node]
         return node
 
-    def _close_loops(self, node: int, surfels: Surfels) -> None:
+    def _settle(self, node: int, surfels: Surfels) -> None:
+        """Look where the walls run and for closed loops; relax the graph when they say so."""
         if not self._estimator.closes_loops or len(surfels) == 0:
             return
-        linked = self._nodes.linked([node], self._nodes.graph.poses[node])
         thinned = surfels.spread_out(SURFEL_SPACING_M, SCAN_SURFELS_MAX)
-        closures = self._closer.look(self._nodes, node, linked, thinned)
-        if not closures:
-            return
-        for closure in closures:
-            self._nodes.link_match(closure.node, closure.pose, closure.match, is_closure=True)
-        if all(closure.is_settled for closure in closures):
+        is_turned = self._config.wall_directions and self._directions.see(
+            self._nodes.graph, node, thinned
+        )
+        is_closed = self._close_loops(node, thinned)
+        if not (is_turned or is_closed):
             return
         before = self._nodes.graph.poses[node].copy()
         self._nodes.graph.relax()
         self._estimator.carry(compose(self._nodes.graph.poses[node], inverse(before)))
         self._wheel_scale.interrupt()
+
+    def _close_loops(self, node: int, surfels: Surfels) -> bool:
+        """Whether a loop was closed that the graph has not settled yet."""
+        linked = self._nodes.linked([node], self._nodes.graph.poses[node])
+        closures = self._closer.look(self._nodes, node, linked, surfels)
+        for closure in closures:
+            self._nodes.link_match(closure.node, closure.pose, closure.match, is_closure=True)
+        if all(closure.is_settled for closure in closures):
+            return False
         self.loop_closures += 1
+        return True
 
     def _anchor(self, stamp_s: float) -> None:
         if len(self._nodes) == 0:
