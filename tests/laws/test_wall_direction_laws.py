@@ -53,8 +53,8 @@ def test_where_no_direction_stands_out_there_is_none():
 
 
 def test_a_wall_with_a_bend_is_too_vague():
-    """Two directions five degrees apart: the mean of both is neither."""
-    bent = np.array([(-3.0, 1.5, 0.0, 1.5), (0.0, 1.5, 3.0, 1.5 + 3.0 * math.tan(0.09))])
+    """Two directions three degrees apart: the mean of both is neither."""
+    bent = np.array([(-3.0, 1.5, 0.0, 1.5), (0.0, 1.5, 3.0, 1.5 + 3.0 * math.tan(0.05))])
     assert wall_direction(surfels_at(bent[:1], (0.0, 0.0, 0.0))) is not None
     assert wall_direction(surfels_at(bent, (0.0, 0.0, 0.0))) is None
 
