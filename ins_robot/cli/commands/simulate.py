@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import argparse
 import math
-import re
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -152,9 +151,6 @@ def add_start_argument(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--start", metavar="X,Y[,DEG]", help="start pose in the world, metres and degrees"
     )
-    # argparse takes "-5,2" for an option, since it is not a plain number; worlds have corners
-    # below zero.
-    parser._negative_number_matcher = re.compile(r"^-\d|^-\.\d")  # noqa: SLF001
 
 
 def parse_start(text: str | None) -> Pose2 | None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import math
 import subprocess
 import sys
 import types
@@ -14,10 +15,12 @@ from pathlib import Path
 import pytest
 
 import ins_robot
+from ins_robot.cli.commands.simulate import parse_start
 from ins_robot.cli.config_source import ENVIRONMENT_VARIABLE, find_config, load_config
 from ins_robot.cli.main import COMMANDS, main, with_values
 from ins_robot.config import Config, load, reference_toml
 from ins_robot.errors import DeviceError, RobotError
+from ins_robot.geometry.pose2 import Pose2
 
 ISSUE_COMMANDS = {
     "daemon", "start", "stop", "pause", "resume", "estop", "clear", "status", "map", "next",
@@ -213,6 +216,26 @@ def test_a_value_may_begin_with_a_minus() -> None:
     words = ["simulate", "rooms", "--start", "-1.5,2", "--json", "--seed", "-1", "-o", "-x"]
     joined = ["simulate", "rooms", "--start=-1.5,2", "--json", "--seed=-1", "-o", "-x"]
     assert with_values(words) == joined
+
+
+@pytest.mark.parametrize("command", ["simulate", "emulate"])
+@pytest.mark.parametrize(
+    ("words", "start"),
+    [
+        (["--start", "-1,2"], Pose2(-1.0, 2.0, 0.0)),
+        (["--start=-1,2"], Pose2(-1.0, 2.0, 0.0)),
+        (["--start", "-.5,-2,-90"], Pose2(-0.5, -2.0, -math.pi / 2.0)),
+    ],
+)
+def test_a_start_may_lie_below_zero(
+    command: str, words: list[str], start: Pose2, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen = []
+    module = importlib.import_module(f"ins_robot.cli.commands.{command}")
+    monkeypatch.setattr(module, "run", lambda args: seen.append(args.start) or 0)
+    out = {"simulate": "--out", "emulate": "--config-out"}[command]
+    assert main([command, "rooms", out, "somewhere", *words]) == 0
+    assert [parse_start(text) for text in seen] == [start]
 
 
 def test_a_mistyped_command_is_told_its_neighbour(capsys):
