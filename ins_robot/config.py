@@ -496,7 +496,7 @@ def _check_across(config: Config) -> None:
             f"wheels.free_speed_radps = {wheels.free_speed_radps:g}: must be at least "
             f"wheels.speed_max_radps = {wheels.speed_max_radps:g}"
         )
-    if len({angle % 360.0 for angle in wheels.angles_deg}) < 3:  # noqa: PLR2004
+    if len({angle % 360.0 for angle in wheels.angles_deg}) < 3:  # noqa: PLR2004 - one a wheel
         raise ConfigError(
             f"wheels.angles_deg = {list(wheels.angles_deg)}: two wheels stand at the same angle"
         )

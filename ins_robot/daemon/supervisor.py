@@ -165,7 +165,7 @@ class Supervisor:
     async def _run_essential(self, name: str, function: TaskFunction) -> None:
         try:
             await function()
-        except Exception as error:
+        except Exception as error:  # whatever it was: the status tells it, `run` raises it
             self.reports[name].last_error = _one_line(error)
             raise
         finally:
@@ -182,7 +182,7 @@ class Supervisor:
             began_s = loop.time()
             try:
                 await function()
-            except Exception as error:
+            except Exception as error:  # a bug in one device must not take the others along
                 was_healthy = loop.time() - began_s >= self.backoff.healthy_s
                 failures = 1 if was_healthy else failures + 1
                 delay_s = self.backoff.delay_s(failures)
@@ -204,7 +204,7 @@ async def outcome_of(work: Awaitable[T], what: str) -> T | RobotError:
         return await work
     except RobotError as error:
         return error
-    except Exception as error:
+    except Exception as error:  # who asked gets an answer, the daemon lives on
         log.exception("%s: internal error", what)
         return RobotError(
             f"{what}: internal error in the daemon: {_one_line(error)}; see its log"

@@ -34,6 +34,7 @@ PAYLOAD_BYTES = {
     CONFIG_REPLY: struct.calcsize(CONFIG_FORMAT),
     TELEMETRY: struct.calcsize(TELEMETRY_FORMAT),
 }
+OVERHEAD_BYTES = 4  # kind, seq and CRC-16 around the payload
 ENCODED_MAX = 64  # longest COBS text between two zero bytes
 
 BUMPER, CLIFF, EMERGENCY_STOP = 0x01, 0x02, 0x04  # input bits
@@ -119,7 +120,7 @@ def decode_frame(encoded: bytes) -> tuple[int, int, bytes] | None:
         if at < end:
             body.append(0)
     # The length first: it refuses most broken frames that a CRC of 16 bits would let by.
-    if len(body) < 4 or PAYLOAD_BYTES.get(body[0]) != len(body) - 4:  # noqa: PLR2004
+    if len(body) < OVERHEAD_BYTES or PAYLOAD_BYTES.get(body[0]) != len(body) - OVERHEAD_BYTES:
         return None
     if crc16(bytes(body[:-2])) != body[-2] | body[-1] << 8:
         return None

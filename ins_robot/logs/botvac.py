@@ -28,6 +28,7 @@ from ins_robot.sensing.range_error import range_std_m
 
 WIDTHS = {"scan": 360, "dist": 2, "gyro_yaw": 1}
 NAMES = frozenset({*WIDTHS, "odom"})
+ROWS_MIN = 2  # of each: the way is what changes from row to row
 
 WHEEL_DELAY_S = 0.3  # `dist` rows carry the time at which the whole answer had arrived
 SWEEP_START_S = -0.25  # the first beam of a scan, against the stamp of its row
@@ -110,7 +111,7 @@ def read_series(path: Path) -> dict[str, Series]:
         if not np.isfinite(row).all():
             raise line.error(f"'{name}' holds a value that is not finite")
         values[name].append(row)
-    missing = [name for name, stamps in stamps_ns.items() if len(stamps) < 2]  # noqa: PLR2004
+    missing = [name for name, stamps in stamps_ns.items() if len(stamps) < ROWS_MIN]
     if missing:
         raise InputError(
             f"{path}: fewer than two rows of {', '.join(missing)}; no map can be made of it"

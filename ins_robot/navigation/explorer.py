@@ -10,6 +10,7 @@ Scan, pose and map in; `Drive` or `Finished` out. Pure: same calls, same answers
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -199,7 +200,7 @@ class Explorer:
         self._has_new_node = False
         is_seen = None
         if self._config.visibility_guard:
-            is_seen = lambda n, g: len(self._ledger.targets_m(scene, n, g)) == 0  # noqa: E731
+            is_seen = partial(self._ledger.is_seen, scene)
         identify_neighbours(
             self.graph,
             self.graph.nodes[-1],

@@ -62,6 +62,10 @@ class GapLedger:
         self._shown[key] = _Shown(at_node=newest, targets_m=targets)
         return targets
 
+    def is_seen(self, scene: Scene, node: Node, gap: Gap) -> bool:
+        """Whether nothing unseen shows from the gap."""
+        return len(self.targets_m(scene, node, gap)) == 0
+
     def _has_changed(self, node: Node, gap: Gap) -> bool:
         """Whether the newest scan, or a sweep on the way to it, may have shown more of it."""
         newest = self._graph.nodes[-1]

@@ -53,6 +53,7 @@ class Hmc5883lEmulator:
     SINGLE_TIME_S = 0.006
     NOT_READY_S = 250e-6  # RDY is low for this long around a write to the data registers
     OVERFLOW = -4096
+    LSB_LIMITS = -2048.5, 2047.5  # between them a reading rounds to its twelve bits
 
     def __init__(
         self,
@@ -143,7 +144,8 @@ class Hmc5883lEmulator:
         self._unread = set(range(self.DATA, self.DATA_END + 1))
 
     def _lsb(self, value: float) -> int:
-        return round(value) if -2048.5 < value < 2047.5 else self.OVERFLOW  # noqa: PLR2004
+        low, high = self.LSB_LIMITS
+        return round(value) if low < value < high else self.OVERFLOW
 
 
 class Qmc5883lEmulator:
