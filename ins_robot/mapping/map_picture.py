@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from ins_robot.geometry.angles import FloatArray
 from ins_robot.geometry.pose2 import Pose2
 from ins_robot.mapping.map_files import GridView, TernaryMap
+from ins_robot.mapping.palette import MIST, NIGHT, WHITE
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -30,9 +31,9 @@ SCALE_MAX = 14
 MARGIN_M = 0.4
 RAY_WIDTH_M, RAY_LENGTH_M = 0.9, 2.0  # what is narrower and longer than this is not shown whole
 
-_UNKNOWN = (226, 229, 234)
-_FREE = (255, 255, 255)
-_OCCUPIED = (24, 32, 44)
+_UNKNOWN = MIST
+_FREE = WHITE
+_OCCUPIED = NIGHT
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -17,33 +17,28 @@ from PIL import ImageDraw, ImageFont
 
 from ins_robot.geometry.angles import FloatArray
 from ins_robot.geometry.pose2 import Pose2
+from ins_robot.mapping import palette
 from ins_robot.mapping.map_picture import Frame, GoalMark, MapPicture
+from ins_robot.mapping.palette import FOOTER_PX, INK, RULE, SMOOTH, TEXT_PX, WHITE, Colour
 
 if TYPE_CHECKING:
     from PIL.Image import Image
 
-Colour = tuple[int, int, int]
 Point = tuple[float, float]
 
-SMOOTH = 2
 BAND_PX = 256
 CROWDED_NODES = 150  # with more, smaller marks read better
 
-_INK = (51, 61, 77)
-_RULE = (208, 213, 220)
-_WHITE = (255, 255, 255)
-_WAY = (46, 124, 214)
-_NODE = (17, 75, 145)
-_START = (22, 150, 96)
-_OPEN_GAP = (240, 130, 20)
-_OTHER_GAP = (148, 158, 172)
-_ROBOT = (214, 40, 57)
-_GOAL = (150, 40, 190)
+_WAY = palette.BLUE
+_NODE = palette.DEEP_BLUE
+_START = palette.GREEN
+_OPEN_GAP = palette.ORANGE
+_OTHER_GAP = palette.GREY
+_ROBOT = palette.RED
+_GOAL = palette.PURPLE
 DASH_M = 0.12
 
-_FOOTER = 64  # lengths below are in units, see `unit_px`
-_TEXT = 15
-_EDGE = 16
+_EDGE = 16  # in units, as are TEXT_PX and FOOTER_PX here: see `unit_px`
 
 
 def unit_px(width: int) -> float:
@@ -53,7 +48,7 @@ def unit_px(width: int) -> float:
 
 def footer_px(width: int) -> int:
     """Height of the footer below a map of this width."""
-    return round(_FOOTER * unit_px(width))
+    return round(FOOTER_PX * unit_px(width))
 
 
 def draw_marks(image: Image, size: tuple[int, int], picture: MapPicture, frame: Frame) -> None:
@@ -107,7 +102,7 @@ class _Band:
 
     def _disc(self, at: Point, colour: Colour, radius: float, edge: float) -> None:
         if edge:
-            self._draw.circle(at, (radius + edge) * self._unit, fill=_WHITE)
+            self._draw.circle(at, (radius + edge) * self._unit, fill=WHITE)
         self._draw.circle(at, radius * self._unit, fill=colour)
 
     def _gap(self, ends_m: FloatArray, *, is_open: bool) -> None:
@@ -135,7 +130,7 @@ class _Band:
             font=ImageFont.load_default(13 * self._unit),
             anchor="ls",
             stroke_width=round(self._unit),
-            stroke_fill=_WHITE,
+            stroke_fill=WHITE,
         )
 
     def _robot(self, robot: Pose2, radius_m: float) -> None:
@@ -179,16 +174,16 @@ def draw_footer(image: Image, size: tuple[int, int], picture: MapPicture, frame:
     unit = unit_px(size[0])
     top = size[1]
     draw = ImageDraw.Draw(image)
-    font = ImageFont.load_default(_TEXT * unit)
-    draw.line([(0, top), (image.width, top)], fill=_RULE, width=round(unit))
+    font = ImageFont.load_default(TEXT_PX * unit)
+    draw.line([(0, top), (image.width, top)], fill=RULE, width=round(unit))
     room = _draw_scale_bar(draw, size, frame, unit) - 12 * unit
 
     caption = picture.caption
     while len(caption) > 1 and _EDGE * unit + draw.textlength(caption, font=font) > room:
         caption = caption[:-2].rstrip(" ;,") + "\N{HORIZONTAL ELLIPSIS}"
-    draw.text((_EDGE * unit, top + 10 * unit), caption, fill=_INK, font=font)
+    draw.text((_EDGE * unit, top + 10 * unit), caption, fill=INK, font=font)
 
-    x, y = _EDGE * unit, top + (_FOOTER - 19) * unit
+    x, y = _EDGE * unit, top + (FOOTER_PX - 19) * unit
     for shape, colour, label in _legend(picture):
         end = x + 18 * unit + draw.textlength(label, font=font)
         if end > room:
@@ -202,7 +197,7 @@ def draw_footer(image: Image, size: tuple[int, int], picture: MapPicture, frame:
             draw.circle(centre, 5 * unit, fill=colour)
         else:
             draw.polygon(_diamond(centre, 6 * unit), fill=colour)
-        draw.text((x + 17 * unit, y), label, fill=_INK, font=font, anchor="lm")
+        draw.text((x + 17 * unit, y), label, fill=INK, font=font, anchor="lm")
         x = end + 16 * unit
 
 
@@ -213,12 +208,12 @@ def _draw_scale_bar(
     length_m = scale_bar_m(0.22 * size[0] / frame.px_per_m)
     length = length_m * frame.px_per_m
     x, y, tick = size[0] - _EDGE * unit - length, size[1] + 20 * unit, 5 * unit
-    draw.line([(x, y), (x + length, y)], fill=_INK, width=round(3 * unit))
+    draw.line([(x, y), (x + length, y)], fill=INK, width=round(3 * unit))
     for end in (x, x + length):
-        draw.line([(end, y - tick), (end, y + tick)], fill=_INK, width=round(2 * unit))
+        draw.line([(end, y - tick), (end, y + tick)], fill=INK, width=round(2 * unit))
     middle = (x + length / 2, y + 8 * unit)
-    font = ImageFont.load_default(_TEXT * unit)
-    draw.text(middle, f"{length_m:g} m", fill=_INK, font=font, anchor="ma")
+    font = ImageFont.load_default(TEXT_PX * unit)
+    draw.text(middle, f"{length_m:g} m", fill=INK, font=font, anchor="ma")
     return x
 
 

@@ -15,27 +15,23 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ins_robot.geometry.angles import FloatArray
+from ins_robot.mapping import palette
 from ins_robot.mapping.occupancy_grid import BoolArray
+from ins_robot.mapping.palette import FOOTER_PX, INK, PALE_RULE, SMOOTH, TEXT_PX, WHITE, Colour
 
 if TYPE_CHECKING:
     from PIL.Image import Image
 
 SIZE_PX = 900
-FOOTER_PX = 64
 RIM_PX = 58  # from the outer ring to the edge: bearings are written there
-SMOOTH = 2
-TEXT_PX = 15
 RINGS_MAX = 6
 SPOKE_DEG = 30
 
-_INK = (51, 61, 77)
-_RULE = (214, 219, 226)
-_WHITE = (255, 255, 255)
-_BEAM = (220, 232, 247)
-_VALID = (17, 75, 145)
-_WEAK = (240, 130, 20)
-_NONE = (214, 40, 57)
-_HERE = (22, 150, 96)
+_BEAM = palette.PALE_BLUE
+_VALID = palette.DEEP_BLUE
+_WEAK = palette.ORANGE
+_NONE = palette.RED
+_HERE = palette.GREEN
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -71,9 +67,9 @@ def draw_polar(picture: PolarPicture) -> Image:
     from PIL import Image as PilImage
 
     size = SIZE_PX * SMOOTH
-    plot = PilImage.new("RGB", (size, size), _WHITE)
+    plot = PilImage.new("RGB", (size, size), WHITE)
     _Plot(plot, picture).draw()
-    image = PilImage.new("RGB", (SIZE_PX, SIZE_PX + FOOTER_PX), _WHITE)
+    image = PilImage.new("RGB", (SIZE_PX, SIZE_PX + FOOTER_PX), WHITE)
     image.paste(plot.resize((SIZE_PX, SIZE_PX), PilImage.Resampling.BOX), (0, 0))
     _draw_footer(image, picture)
     return image
@@ -116,12 +112,14 @@ class _Plot:
         for ring in range(1, round(self._outer_m / self._step_m) + 1):
             range_m = ring * self._step_m
             radius = self._radius * range_m / self._outer_m
-            self._draw.circle((self._centre, self._centre), radius, outline=_RULE, width=SMOOTH)
+            self._draw.circle(
+                (self._centre, self._centre), radius, outline=PALE_RULE, width=SMOOTH
+            )
             label = f"{range_m:g} m"
             self._text(self._at(math.radians(-75.0), range_m), label)
         for degrees in range(-180 + SPOKE_DEG, 181, SPOKE_DEG):
             bearing = math.radians(degrees)
-            self._line(bearing, 0.0, self._outer_m, _RULE, 1)
+            self._line(bearing, 0.0, self._outer_m, PALE_RULE, 1)
             rim_m = self._outer_m * (1.0 + 0.5 * RIM_PX * SMOOTH / self._radius)
             self._text(self._at(bearing, rim_m), f"{degrees}\N{DEGREE SIGN}")
 
@@ -134,7 +132,7 @@ class _Plot:
         )
 
     def _line(
-        self, bearing: float, from_m: float, to_m: float, colour: tuple[int, int, int], px: int
+        self, bearing: float, from_m: float, to_m: float, colour: Colour, px: int
     ) -> None:
         ends = [self._at(bearing, from_m), self._at(bearing, to_m)]
         self._draw.line(ends, fill=colour, width=px * SMOOTH)
@@ -143,11 +141,11 @@ class _Plot:
         self._draw.text(
             at,
             text,
-            fill=_INK,
+            fill=INK,
             font=self._font,
             anchor="mm",
             stroke_width=2 * SMOOTH,
-            stroke_fill=_WHITE,
+            stroke_fill=WHITE,
         )
 
 
@@ -156,8 +154,8 @@ def _draw_footer(image: Image, picture: PolarPicture) -> None:
     from PIL import ImageDraw, ImageFont
 
     draw, font = ImageDraw.Draw(image), ImageFont.load_default(TEXT_PX)
-    draw.line([(0, SIZE_PX), (image.width, SIZE_PX)], fill=_RULE)
-    draw.text((16, SIZE_PX + 10), picture.caption, fill=_INK, font=font)
+    draw.line([(0, SIZE_PX), (image.width, SIZE_PX)], fill=PALE_RULE)
+    draw.text((16, SIZE_PX + 10), picture.caption, fill=INK, font=font)
     x, y = 16.0, SIZE_PX + 45
     for colour, label in (
         (_HERE, "LRF, ahead is up"),
@@ -166,5 +164,5 @@ def _draw_footer(image: Image, picture: PolarPicture) -> None:
         (_NONE, "no reading (on the rim)"),
     ):
         draw.circle((x + 5, y), 5, fill=colour)
-        draw.text((x + 17, y), label, fill=_INK, font=font, anchor="lm")
+        draw.text((x + 17, y), label, fill=INK, font=font, anchor="lm")
         x += 33 + draw.textlength(label, font=font)

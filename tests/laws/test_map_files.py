@@ -11,6 +11,7 @@ from PIL import Image
 
 from ins_robot.errors import InputError
 from ins_robot.geometry.pose2 import Pose2
+from ins_robot.mapping import palette
 from ins_robot.mapping.map_files import (
     TernaryMap,
     pgm_bytes,
@@ -178,7 +179,7 @@ def colour_centre(image, colour):
 
 def test_things_are_drawn_where_they_are():
     empty = draw_map(MapPicture(grid=room()))
-    rows, cols = np.nonzero((np.asarray(empty)[:-FOOTER] == (24, 32, 44)).all(axis=-1))
+    rows, cols = np.nonzero((np.asarray(empty)[:-FOOTER] == palette.NIGHT).all(axis=-1))
     # The outer edges of the walls give the frame: x -1.5 to 2.5 m, y -0.5 to 2.5 m.
     px_per_m = (cols.max() + 1 - cols.min()) / 4.0
     assert (rows.max() + 1 - rows.min()) / 3.0 == px_per_m
@@ -194,10 +195,10 @@ def test_things_are_drawn_where_they_are():
             nodes_m=np.array([[-1.0, 0.0]]),
         )
     )
-    assert colour_centre(drawn, (240, 130, 20)) == pytest.approx(
+    assert colour_centre(drawn, palette.ORANGE) == pytest.approx(
         tuple(frame.pixels(np.array([1.0, 2.0])) - 0.5), abs=1.0
     )
-    assert colour_centre(drawn, (17, 75, 145)) == pytest.approx(
+    assert colour_centre(drawn, palette.DEEP_BLUE) == pytest.approx(
         tuple(frame.pixels(np.array([-1.0, 0.0])) - 0.5), abs=1.0
     )
 

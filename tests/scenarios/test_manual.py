@@ -19,6 +19,7 @@ from ins_robot.daemon.run_store import RunStore
 from ins_robot.daemon.runtime import Robot
 from ins_robot.errors import ConfigError, DeviceError, StateError
 from ins_robot.geometry.pose2 import Pose2
+from ins_robot.mapping import palette
 from ins_robot.simulation.harness import SimulatedRobot
 from ins_robot.simulation.virtual_clock import run_virtual
 from ins_robot.simulation.world import World
@@ -162,7 +163,7 @@ def test_what_is_told_leads_to_the_goal_and_is_drawn(tmp_path: Path) -> None:
         assert words(told)[0].startswith(f"go {told['distance_m']:.2f} m")
         (tmp_path / "next.png").write_bytes(await commands.next_picture())
         with Image.open(tmp_path / "next.png") as picture:
-            assert (150, 40, 190) in {colour for _, colour in picture.getcolors(1 << 24)}
+            assert palette.PURPLE in {colour for _, colour in picture.getcolors(1 << 24)}
         skipped = await commands.skip()
         assert skipped["goal"] != told["goal"]
         await commands.pause()

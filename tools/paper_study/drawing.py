@@ -20,13 +20,21 @@ from PIL import Image
 
 from ins_robot.geometry.angles import FloatArray
 from ins_robot.geometry.pose2 import Pose2
+from ins_robot.mapping import palette
 from ins_robot.mapping.map_files import GridView
 from ins_robot.simulation.world import World
 
-INK, WAY, TRUE, ODOMETRY = "#333d4d", "#2e7cd6", "#169660", "#d62839"
-OPEN_GAP, CHOSEN_GAP, NODE, LINK = "#f08214", "#d62839", "#114b91", "#9db7d9"
+
+def hexed(colour: palette.Colour) -> str:
+    """A colour of the robot's own pictures, as matplotlib takes it."""
+    return "#{:02x}{:02x}{:02x}".format(*colour)
+
+
+INK, WAY, TRUE = hexed(palette.INK), hexed(palette.BLUE), hexed(palette.GREEN)
+ODOMETRY, NODE = hexed(palette.RED), hexed(palette.DEEP_BLUE)
+OPEN_GAP, CHOSEN_GAP = hexed(palette.ORANGE), hexed(palette.RED)
+LINK, WALL_GREY = "#9db7d9", "#c3c8d0"
 UNKNOWN = "0.87"
-WALL_GREY = "#c3c8d0"
 PALETTE = 128
 MARGIN_M = 0.4
 DPI = 90

@@ -15,6 +15,7 @@ from sensor_study.plots import draw_error_characteristic
 
 from ins_robot.config import Config
 from ins_robot.estimation.protocol import FEATURE_REACH_M
+from ins_robot.mapping import palette
 from ins_robot.mapping.features import EDGE_M, EDGE_SLOPE, FeatureKind, features_of_scan
 from ins_robot.mapping.polar_picture import draw_polar
 from ins_robot.sensing.scan_summary import polar_picture
@@ -24,10 +25,10 @@ from paper_study.recorded import finished, first_revolutions, record
 BEARING_STD_RAD = math.radians(Config().slam.bearing_std_deg)
 POLAR_SHRINK = 2
 MARKS = {
-    FeatureKind.OBJECT: ("o", "#d62839", "object"),
-    FeatureKind.WALL_END: (">", "#f08214", "wall end"),
-    FeatureKind.INNER_CORNER: ("v", "#114b91", "inner corner"),
-    FeatureKind.OUTER_CORNER: ("^", "#169660", "outer corner"),
+    FeatureKind.OBJECT: ("o", drawing.hexed(palette.RED), "object"),
+    FeatureKind.WALL_END: (">", drawing.hexed(palette.ORANGE), "wall end"),
+    FeatureKind.INNER_CORNER: ("v", drawing.hexed(palette.DEEP_BLUE), "inner corner"),
+    FeatureKind.OUTER_CORNER: ("^", drawing.hexed(palette.GREEN), "outer corner"),
 }
 
 

@@ -9,6 +9,7 @@ import pytest
 from PIL import Image
 
 from ins_robot.config import LrfConfig
+from ins_robot.mapping import palette
 from ins_robot.mapping.polar_picture import (
     RIM_PX,
     SIZE_PX,
@@ -20,7 +21,7 @@ from ins_robot.sensing.range_error import range_std_m
 from ins_robot.sensing.scan_summary import polar_picture
 
 CONFIG = LrfConfig()
-WEAK, VALID, NONE = (240, 130, 20), (17, 75, 145), (214, 40, 57)
+WEAK, VALID, NONE = palette.ORANGE, palette.DEEP_BLUE, palette.RED
 
 
 def revolution(weak: slice, silent: slice) -> LaserScan:
