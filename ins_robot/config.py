@@ -18,6 +18,9 @@ from pathlib import Path
 from typing import Any, get_type_hints
 
 from ins_robot.errors import ConfigError
+from ins_robot.outline import Corners, flaw_of, is_inside
+
+NO_POLYGON = "none"
 
 
 def option(
@@ -284,9 +287,24 @@ class ExplorationConfig:
         "with the guard: unseen edges of the map at least this long become gaps too",
         above=0.0,
     )
+    boundary: tuple[tuple[float, float], ...] | None = option(
+        None,
+        'stay inside this polygon, [[x, y], ...] in metres, start pose = [0, 0]; or "none"',
+    )
     max_radius_m: float = option(0.0, "stay this near to the start; 0 = no limit", at_least=0.0)
-    max_scans: int = option(2000, "a run ends after this many", at_least=1)
-    max_time_s: float = option(14400.0, "a run ends after this long", above=0.0)
+    return_home: bool = option(True, "a run that has ended drives back to where it began")
+    max_scans: int = option(2000, "exploring ends after this many", at_least=1)
+    max_time_s: float = option(
+        14400.0, "a run takes at most this long, the way home included", above=0.0
+    )
+    max_distance_m: float = option(
+        0.0, "a run drives at most this far, the way home included; 0 = no limit", at_least=0.0
+    )
+    battery_reserve_v: float = option(
+        0.3,
+        "so much above wheels.battery_low_v exploring ends: the rest is for the way home",
+        at_least=0.0,
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -338,6 +356,13 @@ class MapConfig:
         "how far the way of beams without a reading counts as free where silence is no proof: "
         "a wall passed at a body's distance falls silent no nearer than this; 0 = never",
         at_least=0.0,
+    )
+    silent_wide_deg: float = option(
+        40.0,
+        "silence this wide beside readings is free up to lrf.range_trusted_m, before where the "
+        "walls beside it would go on: a hall larger than the range; 0 = never",
+        at_least=0.0,
+        at_most=360.0,
     )
 
 
@@ -460,6 +485,8 @@ class Config:
 
     def __post_init__(self) -> None:
         _check_across(self)
+        if self.exploration.boundary is not None:
+            _check_boundary(self.exploration.boundary)
 
 
 def _check_across(config: Config) -> None:
@@ -500,6 +527,14 @@ def _check_across(config: Config) -> None:
         raise ConfigError(
             f"wheels.angles_deg = {list(wheels.angles_deg)}: two wheels stand at the same angle"
         )
+
+
+def _check_boundary(boundary: Corners) -> None:
+    flaw = flaw_of(boundary)
+    if flaw is None and not is_inside(boundary, (0.0, 0.0)):
+        flaw = "the start [0, 0] lies outside of it"
+    if flaw is not None:
+        raise ConfigError(f"exploration.boundary = {_toml(boundary)}: {flaw}")
 
 
 def load(path: Path | None, overrides: Iterable[str] = ()) -> Config:
@@ -615,9 +650,24 @@ def _checked(value: Any, kind: Any, bounds: Mapping[str, Any]) -> Any:
         return _bounded(value, bounds)
     if kind is float:
         return _bounded(_number(value), bounds)
+    return _corners(value) if kind == Corners | None else _numbers(value, bounds)
+
+
+def _numbers(value: Any, bounds: Mapping[str, Any]) -> tuple[float, ...]:
     if not isinstance(value, list | tuple):
         raise ValueError("must be a list of numbers, [a, b, ...]")
     return tuple(_bounded(_number(v), bounds) for v in value)
+
+
+def _corners(value: Any) -> Corners | None:
+    if value is None or value == NO_POLYGON:
+        return None
+    if not isinstance(value, list | tuple) or not all(
+        isinstance(corner, list | tuple) and len(corner) == 2  # noqa: PLR2004 - x and y
+        for corner in value
+    ):
+        raise ValueError(f'must be a list of corners, [[x, y], ...], or "{NO_POLYGON}"')
+    return tuple((_number(x), _number(y)) for x, y in value)
 
 
 def _number(value: Any) -> float:
@@ -639,6 +689,8 @@ def _bounded(value: Any, bounds: Mapping[str, Any]) -> Any:
 
 
 def _toml(value: Any) -> str:
+    if value is None:
+        return _toml(NO_POLYGON)
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):

@@ -8,6 +8,8 @@ scans by other ways hold the same cells. Elfes (1989); Thrun, Burgard, Fox (2005
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation, distance_transform_edt
@@ -16,7 +18,9 @@ from scipy.spatial import cKDTree
 from ins_robot.config import MapConfig
 from ins_robot.geometry.angles import FloatArray
 from ins_robot.geometry.pose2 import Pose2
+from ins_robot.mapping.ray_cast import cast_rays
 from ins_robot.mapping.scan_footprint import ScanFootprint, draw_scan
+from ins_robot.mapping.silence import wide_silence_m
 from ins_robot.mapping.wall_points import NearReadings, wall_points
 from ins_robot.messages import LaserScan
 
@@ -175,11 +179,36 @@ class OccupancyGrid:
         """
         silent_free_m = min(range_trusted_m, self._config.silent_free_m)
         footprint = draw_scan(
-            scan, map_from_lrf, self.resolution_m, silent_free_m, self._config.beam_max_m
+            scan,
+            map_from_lrf,
+            self.resolution_m,
+            silent_free_m,
+            self._config.beam_max_m,
+            self._wide_silence_m(scan, map_from_lrf, range_trusted_m),
         )
         self.add(footprint)
         self._near.add(scan, map_from_lrf)
         return footprint
+
+    def _wide_silence_m(
+        self, scan: LaserScan, map_from_lrf: Pose2, range_trusted_m: float
+    ) -> FloatArray | None:
+        """(B,) free way of wide silence, which ends before what is known to be a wall."""
+        wide_rad = math.radians(self._config.silent_wide_deg)
+        if wide_rad == 0.0:
+            return None
+        wide_m = wide_silence_m(scan, wide_rad, range_trusted_m)
+        if not wide_m.any():
+            return None
+        beams = np.flatnonzero(wide_m)
+        bearings = scan.bearings_rad[beams] + map_from_lrf.heading_rad
+        at = np.array([map_from_lrf.y_m, map_from_lrf.x_m]) / self.resolution_m
+        reach = range_trusted_m / self.resolution_m
+        before = cast_rays(self.is_occupied, (at - self._corner)[None], bearings, reach)
+        wide_m[beams] = np.minimum(
+            wide_m[beams], np.clip(before - 1.0, 0.0, None) * self.resolution_m
+        )
+        return wide_m
 
     def add(self, footprint: ScanFootprint) -> None:
         """Add the evidence of a drawn scan, clamped."""

@@ -53,8 +53,9 @@ def draw_scan(
     resolution_m: float,
     silent_free_m: float,
     beam_max_m: float,
+    wide_m: FloatArray | None = None,
 ) -> ScanFootprint:
-    """Rasterise a scan taken at `map_from_lrf`."""
+    """Rasterise a scan taken at `map_from_lrf`; `wide_m` (B,): the free way of wide silence."""
     weights = beam_weights(scan, resolution_m)
     order = np.argsort(weights, kind="stable")  # heavier evidence is written later, and stays
     weights = weights[order]
@@ -62,7 +63,8 @@ def draw_scan(
     step_col, step_row = np.cos(bearings) / resolution_m, np.sin(bearings) / resolution_m
     start_col, start_row = map_from_lrf.x_m / resolution_m, map_from_lrf.y_m / resolution_m
     runs = silent_runs(scan)
-    free_m = free_ranges_m(scan, runs, resolution_m, silent_free_m, beam_max_m)[order]
+    free_m = free_ranges_m(scan, runs, resolution_m, silent_free_m, beam_max_m)
+    free_m = (free_m if wide_m is None else np.maximum(free_m, wide_m))[order]
     ranges = scan.ranges_m[order]
     hit = np.nan_to_num(ranges, nan=np.inf) <= beam_max_m
     hit_col = np.floor(start_col + step_col[hit] * ranges[hit]).astype(np.int64)

@@ -8,17 +8,30 @@ from dataclasses import dataclass
 from ins_robot.geometry.pose2 import Pose2
 from ins_robot.messages import PlannedPath
 from ins_robot.navigation.gaps import GapState
+from ins_robot.navigation.leftovers import Leftover
 from ins_robot.navigation.node_graph import NodeGraph
+
+NO_GAP = -1  # the drive is for no gap: home, an errand, a step back
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Drive:
-    """Drive along the path, then scan there: for a gap of a node, and why that one."""
+    """Drive along the path, then scan there: for a gap of a node, and why that one.
+
+    `home_m` is the way home from where the path begins; None: no way is known.
+    """
 
     path: PlannedPath
     node_id: int
     gap_id: int
     reason: str
+    home_m: float | None = None
+
+    @property
+    def place(self) -> Pose2:
+        """Where the path ends and the scan is taken, map_from_base."""
+        x_m, y_m = self.path.points_m[-1]
+        return Pose2(float(x_m), float(y_m), float(self.path.headings_rad[-1]))
 
     @property
     def place(self) -> Pose2:
@@ -41,10 +54,14 @@ class LeftGap:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Finished:
-    """Nothing left to drive to; `is_complete` is False when a limit ended it."""
+    """Nothing left to drive to; `is_complete` is False when a limit ended it.
+
+    `left` are the gaps that were not explored, `unseen` the edges of the seen part of the map.
+    """
 
     reason: str
     left: tuple[LeftGap, ...]
+    unseen: tuple[Leftover, ...] = ()
     is_complete: bool = True
 
 

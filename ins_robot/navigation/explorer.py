@@ -9,7 +9,7 @@ Scan, pose and map in; `Drive` or `Finished` out. Pure: same calls, same answers
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -20,19 +20,26 @@ from ins_robot.errors import StateError
 from ins_robot.geometry.angles import FloatArray
 from ins_robot.geometry.pose2 import Pose2
 from ins_robot.mapping.occupancy_grid import OccupancyGrid
-from ins_robot.messages import LaserScan
-from ins_robot.navigation.decisions import Drive, Finished, LeftGap, left_gaps
+from ins_robot.mapping.zones import Zone
+from ins_robot.messages import LaserScan, PlannedPath
+from ins_robot.navigation.bounds import Bounds
+from ins_robot.navigation.decisions import NO_GAP, Drive, Finished, LeftGap, left_gaps
 from ins_robot.navigation.driven_ways import DrivenWays
 from ins_robot.navigation.gap_ledger import FAILURES_MAX, GapLedger
 from ins_robot.navigation.gaps import Gap, GapRules, GapState, find_gaps
 from ins_robot.navigation.guard import Guard, NoGuard, SeenGuard
+from ins_robot.navigation.leftovers import leftovers
 from ins_robot.navigation.neighbours import identify_neighbours
 from ins_robot.navigation.node_graph import Node, NodeGraph
 from ins_robot.navigation.planner import plan_through
+from ins_robot.navigation.progress import Progress
+from ins_robot.navigation.reach import Reach
 from ins_robot.navigation.scan_place import ScanPlaces
-from ins_robot.navigation.scene import Bounds, Scene, look_around
+from ins_robot.navigation.scene import Scene, look_around
+from ins_robot.navigation.second_chances import SecondChances
 from ins_robot.navigation.strategies import Candidate, Situation, make_strategy
 from ins_robot.navigation.terrain import BodyRules
+from ins_robot.navigation.trips import HOME_TRIES, is_at, trip, way_m
 from ins_robot.navigation.unseen import BarrenEdges
 
 __all__ = ["Drive", "Explorer", "Finished", "LeftGap"]
@@ -43,13 +50,13 @@ MOVED_M = 0.02  # a node corrected by more: the map is looked at again everywher
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Aim:
-    """What the last drive is for."""
+    """What the last drive is for; no gap: a trip."""
 
     drive: Drive
     node: Node
-    gap: Gap
+    gap: Gap | None
     targets_m: FloatArray
-    is_retraced: bool  # over the nodes of the way back
+    is_retraced: bool = False  # over the nodes of the way back
 
 
 class Explorer:
@@ -66,11 +73,11 @@ class Explorer:
             range_trusted_m=lrf.range_trusted_m,
             robot_width_m=2.0 * robot.radius_m,
         )
-        self._bounds = Bounds(radius_m=config.max_radius_m)
+        self.bounds = Bounds(config)
         self._strategy = make_strategy(config.strategy)
         guard: Guard = SeenGuard() if config.visibility_guard else NoGuard()
         self._barren = BarrenEdges()
-        self._ledger = GapLedger(self.graph, guard, self._barren, self._bounds, lrf.range_max_m)
+        self._ledger = GapLedger(self.graph, guard, self._barren, self.bounds, lrf.range_max_m)
         self._places = ScanPlaces(
             self.graph,
             self._barren,
@@ -82,6 +89,11 @@ class Explorer:
         self._aim: _Aim | None = None
         self._scanned_aim: _Aim | None = None
         self._has_new_node = False
+        self._chances = SecondChances(self.graph, self._barren)
+        self._progress = Progress()
+        self._errand_m: FloatArray | None = None
+        self._ending: Finished | None = None
+        self._home_tries = 0
 
     def observe(
         self,
@@ -133,29 +145,146 @@ class Explorer:
         """Steps 03 and 04: where next from `pose` (map_from_base), and how."""
         if not self.graph.nodes:
             raise StateError("explorer: decide() before the first scan; call observe() first")
-        if len(self.graph) >= self._config.max_scans:
-            reason = f"max_scans = {self._config.max_scans} reached"
-            return Finished(reason=reason, left=left_gaps(self.graph), is_complete=False)
-        self._ways.stands_at(pose)
+        scene = self._stand_and_look(pose, grid)
+        if self._errand_m is not None:
+            drive = self._trip(scene, self._errand_m, None, "goto")
+            if drive is not None:
+                return drive
+            self._errand_m = None  # the map has closed the way meanwhile
+        if self._ending is not None:
+            at_home = is_at(pose, self.graph.nodes[0].pose)
+            if not (at_home and self._ending.is_complete):
+                return self._home_or(scene, self._ending)
+            self._ending = None  # one more look at everything from home
+        return self._explore_on(scene)
+
+    def send_to(self, place_m: FloatArray, pose: Pose2, grid: OccupancyGrid) -> Drive:
+        """To a place (2,) of the map first, for a robot at `pose`; then it goes on as before.
+
+        Raises
+        ------
+        StateError
+            When no known way leads there; nothing has changed then.
+        """
         scene = self._look_around(pose, grid)
+        drive = self._trip(scene, place_m, None, "goto")
+        if drive is None:
+            _, why = Reach(scene, self.bounds, self.graph.nodes[0].pose).why_not(place_m)
+            raise StateError(f"goto {place_m[0]:g} {place_m[1]:g}: cannot be reached: {why}")
+        self._errand_m = place_m
+        return drive
+
+    def end(self, why: str, pose: Pose2, grid: OccupancyGrid) -> Drive | Finished:
+        """Explore no more; home, if that is wanted, else finished: `why`."""
+        scene = self._stand_and_look(pose, grid)
+        self._errand_m = None
+        return self._home_or(scene, self._ending or self._finished(scene, why, False))
+
+    def forbid(self, zones: tuple[Zone, ...]) -> None:
+        """No-go zones and virtual walls from the next decision on."""
+        self.bounds.zones = zones
+
+    def _stand_and_look(self, pose: Pose2, grid: OccupancyGrid) -> Scene:
+        if self._aim is not None:  # a way left before its end, because of what came into sight
+            self._ways.gave_up(self._aim.drive.path.points_m)
+        self._ways.stands_at(pose)
+        self._chances.stands_at(pose)
+        return self._look_around(pose, grid)
+
+    def _explore_on(self, scene: Scene) -> Drive | Finished:
+        """The next gap; none left: what was given up once more, then the end."""
+        if len(self.graph) >= self._config.max_scans:
+            why = f"max_scans = {self._config.max_scans} reached"
+            return self._home_or(scene, self._finished(scene, why, False))
+        if self._progress.is_stalled(
+            float(np.count_nonzero(~scene.grid.is_unknown)) * scene.grid.resolution_m**2
+        ):
+            self._refuse(self._aim or self._scanned_aim, "nothing new came of it")
         self._learn_from_last_scan(scene)
         self._identify_neighbours(scene)
         self._ledger.update(scene)
         costs_m = self.graph.costs_from(len(self.graph) - 1)
-        while (choice := self._choose(scene, costs_m)) is not None:
-            drive = self._drive_to(scene, *choice)
+        while True:
+            while (choice := self._choose(scene, costs_m)) is not None:
+                drive = self._drive_to(scene, *choice)
+                if drive is not None:
+                    return drive
+            if not self._chances.reopen(scene.pose):
+                break
+            self._ledger.update(scene)
+        back = self._chances.step_back(scene.terrain)
+        if back is not None:
+            drive = self._trip(
+                scene, back.position_m, None, "for another look at what was given up"
+            )
             if drive is not None:
                 return drive
-        return Finished(reason="no reachable gap is left", left=left_gaps(self.graph))
+        return self._home_or(scene, self._finished(scene, "no reachable gap is left", True))
+
+    def _finished(self, scene: Scene, why: str, is_complete: bool) -> Finished:
+        return Finished(
+            reason=why,
+            left=left_gaps(self.graph),
+            unseen=leftovers(
+                scene, self.graph, self.bounds, unfinished=None if is_complete else why
+            ),
+            is_complete=is_complete,
+        )
+
+    def _home_or(self, scene: Scene, ending: Finished) -> Drive | Finished:
+        """The way home before the end; tried a few times."""
+        self._ending = ending
+        home = self.graph.nodes[0].pose
+        if not self._config.return_home or is_at(scene.pose, home):
+            return ending
+        self._home_tries += 1
+        if self._home_tries > HOME_TRIES:
+            return replace(ending, reason=f"{ending.reason}; home was not reached")
+        place_m = self.graph.nodes[0].position_m
+        drive = self._trip(scene, place_m, home.heading_rad, f"home, for {ending.reason}")
+        if drive is None:
+            _, why = Reach(scene, self.bounds, home).why_not(place_m)
+            return replace(ending, reason=f"{ending.reason}; home is out of reach: {why}")
+        return drive
+
+    def _trip(
+        self, scene: Scene, place_m: FloatArray, heading_rad: float | None, why: str
+    ) -> Drive | None:
+        """A drive that is for no gap."""
+        path = trip(scene, place_m, heading_rad)
+        if path is None:
+            return None
+        node = self.graph.nodes[-1]
+        reason = f"{why}: {path.length_m:.1f} m to drive"
+        drive = self._drive(scene, path, node, NO_GAP, reason)
+        self._aim = _Aim(drive=drive, node=node, gap=None, targets_m=np.zeros((0, 2)))
+        return drive
+
+    def _drive(
+        self, scene: Scene, path: PlannedPath, node: Node, gap_id: int, reason: str
+    ) -> Drive:
+        home_m = way_m(scene.terrain, self.graph.nodes[0].position_m)
+        return Drive(path=path, node_id=node.id, gap_id=gap_id, reason=reason, home_m=home_m)
 
     def report_failure(self, decision: Drive, why: str) -> None:
-        """The goal could not be reached: it waits, is tried once more, then given up."""
+        """The goal could not be reached: it waits, is tried once more, then given up.
+
+        At the end it gets another chance, from another place.
+        """
         aim, self._aim = self._aim, None
         if aim is None or aim.drive is not decision:
             raise StateError("explorer: report_failure() of what is not the last decision")
         self._ways.gave_up(decision.path.points_m)
-        self._places.refuse(decision.path.points_m[-1])
+        self._errand_m = None
+        self._refuse(aim, why)
+
+    def _refuse(self, aim: _Aim | None, why: str) -> None:
+        """What a drive was for waits, and after two of these is given up."""
+        if aim is None or aim.gap is None:
+            return
+        self._places.refuse(aim.drive.path.points_m[-1])
         self._barren.strike(aim.targets_m)
+        self._chances.refused(aim.node, aim.gap, aim.targets_m)
         aim.gap.failures += 1
         aim.gap.is_deferred = True
         if aim.gap.failures >= FAILURES_MAX:
@@ -168,15 +297,18 @@ class Explorer:
     def _arrive(self, node: Node, aim: _Aim) -> None:
         """The drive has ended in a new node, and its gap has been looked into."""
         self._ways.arrived(node, aim.drive.path.points_m, aim.node if aim.is_retraced else None)
-        if aim.gap.is_open:
+        self._errand_m = None
+        if aim.gap is not None and aim.gap.is_open:
             aim.gap.set(GapState.EXPLORED, f"scanned at its place: node {node.id}")
 
     def _look_around(self, pose: Pose2, grid: OccupancyGrid) -> Scene:
+        start = self.graph.nodes[0].pose
         return look_around(
             grid,
             pose,
             self._body,
-            is_allowed=self._bounds.cells(self.graph.nodes[0].pose, grid),
+            is_allowed=self.bounds.drivable_cells(start, grid, pose, self._body.keep_m),
+            is_wanted=self.bounds.wanted_cells(start, grid),
             edge_min_m=self._config.frontier_min_m,
             barren=self._barren,
             driven_m=self._ways.places_m(),
@@ -185,7 +317,7 @@ class Explorer:
     def _learn_from_last_scan(self, scene: Scene) -> None:
         """What a scan was to show and did not counts as tried: nothing is scanned for ever."""
         aim, self._scanned_aim = self._scanned_aim, None
-        if aim is None:
+        if aim is None or aim.gap is None:
             return
         cells = scene.grid.cells(aim.targets_m)
         still = ~scene.grid.contains(cells)
@@ -232,7 +364,7 @@ class Explorer:
             f"{self._strategy.name}: {gap.kind} {gap.id} of node {node.id}, "
             f"{gap.width_m:.2f} m wide, {path.length_m:.1f} m to drive"
         )
-        drive = Drive(path=path, node_id=node.id, gap_id=gap.id, reason=reason)
+        drive = self._drive(scene, path, node, gap.id, reason)
         self._aim = _Aim(
             drive=drive,
             node=node,

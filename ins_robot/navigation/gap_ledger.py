@@ -12,14 +12,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from ins_robot.geometry.angles import FloatArray
+from ins_robot.navigation.bounds import Bounds
 from ins_robot.navigation.gaps import Gap, GapKind, GapState
 from ins_robot.navigation.guard import Guard, edges_of_gap
 from ins_robot.navigation.node_graph import Node, NodeGraph
-from ins_robot.navigation.scene import Bounds, Scene
+from ins_robot.navigation.scene import Scene
 from ins_robot.navigation.strategies import Candidate
 from ins_robot.navigation.unseen import SIGHT_M, BarrenEdges
 
 FAILURES_MAX = 2  # a goal refused this often is given up
+PASSING = (GapState.UNREACHABLE, GapState.NO_GO, GapState.OUTSIDE)  # may change by itself
 WAY_STRIDE = 10  # of the densely remembered way, every so many places are looked at
 
 
@@ -80,7 +82,7 @@ class GapLedger:
     def update(self, scene: Scene) -> None:
         """Look at every gap again; what was out of reach may have come into it."""
         for _, gap in self._graph.gaps():
-            if gap.state is GapState.UNREACHABLE and gap.failures < FAILURES_MAX:
+            if gap.state in PASSING and gap.failures < FAILURES_MAX:
                 gap.set(GapState.UNEXPLORED, "")
         self._close_explored(scene)
 
@@ -90,10 +92,9 @@ class GapLedger:
         for node, gap in self._graph.gaps():
             if gap.state not in (GapState.UNEXPLORED, GapState.TOO_NARROW):
                 continue
-            if not self._bounds.holds(start, node.centroid_m(gap)[None])[0]:
-                gap.set(
-                    GapState.UNREACHABLE, f"outside max_radius_m = {self._bounds.radius_m:g}"
-                )
+            refusal = self._bounds.refusal(start, node.centroid_m(gap))
+            if refusal is not None:
+                gap.set(*refusal)
                 continue
             targets = self.targets_m(scene, node, gap)
             if len(targets) == 0:
@@ -137,7 +138,7 @@ class GapLedger:
         scene.has_adopted = True
         led_to: set[int] = set()
         for node, gap in self._graph.gaps():
-            is_known_edge = gap.kind is GapKind.EDGE and gap.state is GapState.UNREACHABLE
+            is_known_edge = gap.kind is GapKind.EDGE and gap.state in PASSING
             if gap.is_open or is_known_edge:
                 index = edges_of_gap(scene.unseen, node, gap)
                 led_to.update(scene.unseen.edge_of[index].tolist())

@@ -36,6 +36,8 @@ class GapState(StrEnum):
     EXPLORED = "explored"
     TOO_NARROW = "too_narrow"
     UNREACHABLE = "unreachable"
+    NO_GO = "no_go"  # in a zone
+    OUTSIDE = "outside"  # of boundary or radius
 
 
 class GapKind(StrEnum):

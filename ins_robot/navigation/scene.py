@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-import numpy as np
 from scipy.ndimage import distance_transform_edt
 
 from ins_robot.geometry.angles import FloatArray
@@ -34,8 +33,8 @@ class Scene:
 
     Attributes
     ----------
-    is_allowed : (H, W) bool or None
-        Where the robot may be; None: everywhere.
+    is_allowed, is_wanted : (H, W) bool or None
+        Where the robot may be, and what is worth exploring; None: everywhere.
     targets : dict
         For each gap worth driving to, by (node index, gap id): (T, 2) what it should show.
     has_adopted, has_squeezed : bool
@@ -46,6 +45,7 @@ class Scene:
     grid: OccupancyGrid
     body: BodyRules
     is_allowed: BoolArray | None
+    is_wanted: BoolArray | None
     terrain: Terrain
     unseen: Unseen
     barren: BarrenEdges
@@ -70,31 +70,8 @@ class Scene:
             return False
         near = distance_transform_edt(~opened, sampling=self.grid.resolution_m) <= NEAR_M
         if self.barren.forgive(self.grid, near):
-            self.unseen = survey_unseen(
-                self.grid, self.edge_min_m, self.barren, self.is_allowed
-            )
+            self.unseen = survey_unseen(self.grid, self.edge_min_m, self.barren, self.is_wanted)
         return True
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Bounds:
-    """Where exploration may go: a disc about the start; radius 0 = everywhere."""
-
-    radius_m: float
-
-    def holds(self, start: Pose2, points_m: FloatArray) -> BoolArray:
-        """(N,) bool for points (N, 2)."""
-        if self.radius_m <= 0.0:
-            return np.ones(len(points_m), bool)
-        away = points_m - np.array([start.x_m, start.y_m])
-        return np.asarray(np.hypot(away[:, 0], away[:, 1]) <= self.radius_m)
-
-    def cells(self, start: Pose2, grid: OccupancyGrid) -> BoolArray | None:
-        """(H, W) bool of a grid's cells; None: everywhere."""
-        if self.radius_m <= 0.0:
-            return None
-        cells = np.argwhere(np.ones(grid.shape, bool))
-        return self.holds(start, grid.metres(cells)).reshape(grid.shape)
 
 
 def look_around(
@@ -103,12 +80,13 @@ def look_around(
     body: BodyRules,
     *,
     is_allowed: BoolArray | None,
+    is_wanted: BoolArray | None,
     edge_min_m: float,
     barren: BarrenEdges,
     driven_m: FloatArray,
 ) -> Scene:
     """What is unseen, where the robot can go, and what it costs: one wave."""
-    unseen = survey_unseen(grid, edge_min_m, barren, is_allowed)
+    unseen = survey_unseen(grid, edge_min_m, barren, is_wanted)
     odd = driven_cells(grid, driven_m, body)
     terrain = survey_terrain(grid, pose, body, is_allowed, odd)
     return Scene(
@@ -116,6 +94,7 @@ def look_around(
         grid=grid,
         body=body,
         is_allowed=is_allowed,
+        is_wanted=is_wanted,
         terrain=terrain,
         unseen=unseen,
         barren=barren,

@@ -41,6 +41,11 @@ class BodyRules:
     radius_m: float
     clearance_m: float
 
+    @property
+    def keep_m(self) -> float:
+        """From the centre to a line that must not be crossed."""
+        return self.radius_m + self.clearance_m
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OddCells:
@@ -176,7 +181,7 @@ def survey_terrain(
     odd = _open_odd(factor, odd or OddCells.none())
     if is_allowed is not None:
         factor[~is_allowed] = np.inf
-    _open_escape(factor, grid, clearance, body, start)
+    _open_escape(factor, grid, clearance, body, start, is_allowed)
     cost, before = _wave(factor, start, grid.resolution_m)
     return Terrain(
         grid=grid,
@@ -250,6 +255,7 @@ def _open_escape(
     clearance: FloatArray,
     body: BodyRules,
     start: tuple[int, int],
+    is_allowed: BoolArray | None = None,
 ) -> None:
     """Let the robot out when its own cell lies in what the last scan showed to be too near.
 
@@ -269,6 +275,8 @@ def _open_escape(
     room = min(body.radius_m, float(clearance[row, col])) - 0.5 * grid.resolution_m
     opened = disc & grid.is_free[rows, cols] & (clearance[rows, cols] >= room)
     opened &= ~np.isfinite(factor[rows, cols])
+    if is_allowed is not None:
+        opened &= is_allowed[rows, cols]
     factor[rows, cols][opened] = ESCAPE_FACTOR
     factor[row, col] = ESCAPE_FACTOR
 

@@ -70,6 +70,11 @@ class BarrenEdges:
             del self._strikes[key]
         return bool(chosen)
 
+    def pardon(self, points_m: FloatArray) -> None:
+        """Forget what was counted at points (N, 2)."""
+        for point in np.asarray(points_m, float).tolist():
+            self._strikes.pop(self._key(point), None)
+
     @staticmethod
     def _key(point: list[float]) -> tuple[int, int]:
         return math.floor(point[0] / BARREN_CELL_M), math.floor(point[1] / BARREN_CELL_M)
@@ -151,7 +156,7 @@ def survey_unseen(
     grid: OccupancyGrid,
     edge_min_m: float,
     barren: BarrenEdges,
-    is_allowed: BoolArray | None = None,
+    is_wanted: BoolArray | None = None,
 ) -> Unseen:
     """Find the edges of the seen part of a grid; beyond the grid all is unseen."""
     is_unknown, is_occupied = grid.is_unknown, grid.is_occupied
@@ -159,8 +164,8 @@ def survey_unseen(
     is_behind = is_unknown & _beside(is_occupied, ends=False)
     is_opaque = is_occupied | (is_behind & ~is_unseen)
     is_edge = grid.is_free & _beside(is_unseen, ends=True)
-    if is_allowed is not None:
-        is_edge &= is_allowed
+    if is_wanted is not None:
+        is_edge &= is_wanted
     cells = np.argwhere(is_edge)
     dead = barren.mask(_ahead_m(grid, cells, is_unseen))
     is_edge[cells[dead, 0], cells[dead, 1]] = False

@@ -1,0 +1,68 @@
+# SPDX-License-Identifier: MIT
+"""Why a place cannot be driven to: a scene and a point in, a state and words for people out."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ins_robot.geometry.angles import FloatArray
+from ins_robot.geometry.pose2 import Pose2
+from ins_robot.navigation.bounds import Bounds
+from ins_robot.navigation.gaps import GapState
+from ins_robot.navigation.scene import Scene
+from ins_robot.navigation.terrain import Terrain, survey_terrain
+
+THIN_M = 0.05  # a body this thin passes wherever the map is open at all
+REACH_CELLS = 3
+
+Why = tuple[GapState, str]
+
+
+class Reach:
+    """One scene's answers; ground that is priced for them is priced once."""
+
+    def __init__(self, scene: Scene, bounds: Bounds, start: Pose2) -> None:
+        self._scene, self._bounds, self._start = scene, bounds, start
+        self._grounds: dict[str, Terrain] = {}
+
+    def is_reachable(self, point_m: FloatArray) -> bool:
+        """Whether a place within a few cells of the point (2,) can be driven to."""
+        return _leads_to(self._scene.terrain, point_m)
+
+    def why_not(self, point_m: FloatArray) -> Why:
+        """Of a point (2,) that cannot be reached."""
+        refusal = self._bounds.refusal(self._start, point_m)
+        if refusal is not None:
+            return refusal
+        if not self._bounds.are_open:
+            if _leads_to(self._ground("no zones"), point_m):
+                return GapState.NO_GO, "a no-go zone or a virtual wall bars the way"
+            if _leads_to(self._ground("no limits"), point_m):
+                return GapState.OUTSIDE, "the way there leads outside the boundary"
+        if _leads_to(self._ground("thin"), point_m):
+            width_m = 2.0 * self._scene.body.radius_m
+            return GapState.TOO_NARROW, f"the way there is too narrow, robot {width_m:.2f} m"
+        return GapState.UNREACHABLE, "no known way leads there"
+
+    def _ground(self, kind: str) -> Terrain:
+        """The ground as it would be without zones, without any limits, or for a thin body."""
+        if kind not in self._grounds:
+            scene, bounds, body = self._scene, self._bounds, self._scene.body
+            allowed = None
+            if kind == "no zones":
+                allowed = bounds.without_zones().drivable_cells(
+                    self._start, scene.grid, scene.pose, body.keep_m
+                )
+            if kind == "thin":
+                allowed = scene.is_allowed
+                body = replace(body, radius_m=min(THIN_M, body.radius_m))
+            self._grounds[kind] = survey_terrain(
+                scene.grid, scene.pose, body, allowed, scene.terrain.odd
+            )
+        return self._grounds[kind]
+
+
+def _leads_to(terrain: Terrain, point_m: FloatArray) -> bool:
+    return bool(np.isfinite(terrain.cost_near_m(point_m[None], REACH_CELLS)[0]))

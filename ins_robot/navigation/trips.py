@@ -1,0 +1,71 @@
+# SPDX-License-Identifier: MIT
+"""Drives that are for no gap: home at the end, to a place somebody named, back for a new look.
+
+A scene and a place in, a path out, or why there is none.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ins_robot.geometry.angles import FloatArray
+from ins_robot.geometry.pose2 import Pose2
+from ins_robot.messages import PlannedPath
+from ins_robot.navigation.planner import way_points_m, with_headings
+from ins_robot.navigation.scene import Scene
+from ins_robot.navigation.terrain import Terrain
+
+AT_HOME_M = 0.08  # nearer than this is there
+NEAR_M = 0.25  # a place whose own cell is too tight is reached as nearly as this
+HOME_TRIES = 6  # decisions for the way home before the robot stays where it is
+
+
+def trip(scene: Scene, place_m: FloatArray, heading_rad: float | None) -> PlannedPath | None:
+    """Path to a place (2,), or next to it; None when no known way leads there."""
+    cell = _cell_near(scene.terrain, place_m)
+    if cell is None and scene.squeeze():
+        cell = _cell_near(scene.terrain, place_m)
+    if cell is None:
+        return None
+    points = way_points_m(scene.terrain, scene.pose, scene.terrain.way_to(cell))
+    if heading_rad is not None and cell == tuple(scene.grid.cells(place_m).tolist()):
+        points[-1] = place_m  # home to the centimetre: there the body has stood
+    if heading_rad is None:
+        ahead = points[-1] - points[-2] if len(points) > 1 else np.zeros(2)
+        is_way = math.hypot(*ahead) > 0.0
+        heading_rad = math.atan2(ahead[1], ahead[0]) if is_way else scene.pose.heading_rad
+    return with_headings(points, scene.pose.heading_rad, heading_rad)
+
+
+def way_m(terrain: Terrain, place_m: FloatArray) -> float | None:
+    """Length of the cheapest way to a place (2,); None when no known way leads there."""
+    cell = _cell_near(terrain, place_m)
+    if cell is None:
+        return None
+    points, _ = terrain.places_m(terrain.way_to(cell))
+    return float(np.hypot(*np.diff(points, axis=0).T).sum())
+
+
+def is_at(pose: Pose2, place: Pose2) -> bool:
+    """Whether the robot is there, whatever it faces."""
+    return pose.distance_m(place) <= AT_HOME_M
+
+
+def _cell_near(terrain: Terrain, place_m: FloatArray) -> tuple[int, int] | None:
+    """The reachable cell nearest to a place, at most NEAR_M away."""
+    row, col = (int(v) for v in terrain.grid.cells(place_m))
+    reach = math.ceil(NEAR_M / terrain.grid.resolution_m)
+    first = max(row - reach, 0), max(col - reach, 0)
+    window = terrain.cost_m[
+        first[0] : max(row + reach + 1, 0), first[1] : max(col + reach + 1, 0)
+    ]
+    cells = np.argwhere(np.isfinite(window)) + first
+    if len(cells) == 0:
+        return None
+    away = np.hypot(*(terrain.grid.metres(cells) - place_m).T)
+    nearest = int(away.argmin())
+    if away[nearest] > NEAR_M:
+        return None
+    return int(cells[nearest, 0]), int(cells[nearest, 1])
