@@ -200,6 +200,7 @@ class Explorer:
             float(np.count_nonzero(~scene.grid.is_unknown)) * scene.grid.resolution_m**2
         ):
             self._refuse(self._aim or self._scanned_aim, "nothing new came of it")
+            self._chances.stands_at(scene.pose)
         self._learn_from_last_scan(scene)
         self._identify_neighbours(scene)
         self._ledger.update(scene)

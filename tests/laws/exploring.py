@@ -40,16 +40,18 @@ def rules(**changes) -> GapRules:
     return GapRules(**(values | changes))
 
 
-def plan(width_m: float, height_m: float, *rooms, walls=()) -> World:
+def plan(
+    width_m: float, height_m: float, *rooms, walls=(), resolution_m: float = RESOLUTION_M
+) -> World:
     """A world that is solid but for rooms (x0, y0, x1, y1), with wall boxes put back in."""
-    shape = (round(height_m / RESOLUTION_M), round(width_m / RESOLUTION_M))
+    shape = (round(height_m / resolution_m), round(width_m / resolution_m))
     is_occupied = np.ones(shape, bool)
     for boxes, value in ((rooms, False), (walls, True)):
         for x0, y0, x1, y1 in boxes:
-            rows = slice(round(y0 / RESOLUTION_M), round(y1 / RESOLUTION_M))
-            cols = slice(round(x0 / RESOLUTION_M), round(x1 / RESOLUTION_M))
+            rows = slice(round(y0 / resolution_m), round(y1 / resolution_m))
+            cols = slice(round(x0 / resolution_m), round(x1 / resolution_m))
             is_occupied[rows, cols] = value
-    return World(is_occupied, RESOLUTION_M, (0.0, 0.0), name="plan")
+    return World(is_occupied, resolution_m, (0.0, 0.0), name="plan")
 
 
 def configured(**exploration) -> Config:

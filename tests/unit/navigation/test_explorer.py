@@ -225,7 +225,7 @@ def test_gaps_move_with_their_node():
 
 
 def test_the_limit_on_scans_ends_the_run_and_says_so():
-    ended = explore(ROOMS, *START, configured(max_scans=3))
+    ended = explore(ROOMS, *START, configured(max_scans=3, return_home=False))
     assert ended.scans == 3
     assert not ended.decision.is_complete
     assert "max_scans" in ended.decision.reason

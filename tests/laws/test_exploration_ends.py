@@ -1,0 +1,205 @@
+# SPDX-License-Identifier: MIT
+"""It always ends right: complaints of users of other explorers, each as a small world."""
+
+import math
+from collections import Counter
+from itertools import combinations, pairwise
+
+import numpy as np
+import pytest
+from changing_world import tell
+from exploring import RADIUS_M, Config, configured, explore, plan
+
+from ins_robot.geometry.pose2 import Pose2
+from ins_robot.navigation.decisions import NO_GAP
+from ins_robot.navigation.explorer import Drive, Explorer, Finished
+from ins_robot.simulation.truth import coverage
+from ins_robot.simulation.visibility import visible_cells
+from ins_robot.simulation.world import World
+
+TWO_ROOMS = plan(8, 5, (0.5, 0.5, 3.5, 4.5), (3.5, 2.0, 3.6, 2.9), (3.6, 0.5, 7.5, 4.5))
+
+
+def seen_share(world: World, start: Pose2, robot) -> float:
+    return coverage(robot.seen.is_seen(), visible_cells(world, start, RADIUS_M, 6.0))
+
+
+def with_box(world: World, x0: float, y0: float, x1: float, y1: float) -> World:
+    """The world with one more solid box."""
+    solid, cell = world.is_occupied.copy(), world.resolution_m
+    solid[round(y0 / cell) : round(y1 / cell), round(x0 / cell) : round(x1 / cell)] = True
+    return World(solid, cell, world.origin_m, name=world.name)
+
+
+@pytest.mark.parametrize("heading", [0.0, math.pi / 2, math.pi, -math.pi / 2])
+def test_a_start_that_faces_a_wall_at_arm_s_length(heading):
+    start = Pose2(0.5 + 0.26, 0.5 + 0.26, heading)  # in a corner
+    story = tell(TWO_ROOMS, start)
+    assert story.decision.is_complete
+    assert story.robot.contacts == 0
+    assert seen_share(TWO_ROOMS, start, story.robot) >= 0.99
+
+
+def test_a_robot_inside_freshly_seen_inflation_gets_out():
+    """Something has come nearer to the robot than it would go to it by itself."""
+    start = Pose2(2.0, 2.5, 0.0)
+    appeared = []
+
+    def come_near(story):
+        if story.scans != 2 or appeared:
+            return None
+        at = story.robot.start @ story.robot.pose
+        away = RADIUS_M + 0.005
+        appeared.append(at)
+        return with_box(
+            story.robot.world, at.x_m + away, at.y_m - 0.1, at.x_m + away + 0.2, at.y_m + 0.1
+        )
+
+    story = tell(TWO_ROOMS, start, change=come_near)
+    assert appeared
+    assert story.decision.is_complete
+    assert seen_share(TWO_ROOMS, start, story.robot) >= 0.97
+    assert story.robot.pose.distance_m(Pose2()) <= 0.1
+
+
+def test_a_goal_that_a_moved_obstacle_blocks_is_reached_another_way():
+    """Seen through the near door, which is then blocked; there is a far one."""
+    world = plan(
+        8, 7, (0.5, 0.5, 3.5, 6.5), (3.5, 2.0, 3.6, 2.9), (3.5, 5.2, 3.6, 6.1), (3.6, 0.5, 7.5, 6.5)
+    )
+    blocked = with_box(world, 3.4, 1.9, 3.7, 3.0)
+    start = Pose2(1.5, 2.5, 0.0)
+    story = tell(world, start, change=lambda story: blocked)
+    assert story.decision.is_complete
+    assert story.robot.contacts == 0
+    assert seen_share(blocked, start, story.robot) >= 0.99
+    assert story.robot.pose.distance_m(Pose2()) <= 0.1
+
+
+def test_a_door_that_closes_for_good_is_told():
+    """Seen through, then shut before the robot gets there: it ends, at home, and says so."""
+    start = Pose2(1.0, 4.0, 0.0)
+    shut = with_box(TWO_ROOMS, 3.5, 1.9, 3.6, 3.0)
+    story = tell(TWO_ROOMS, start, change=lambda story: shut)
+    assert story.decision.is_complete
+    assert story.robot.contacts == 0
+    assert story.robot.pose.distance_m(Pose2()) <= 0.1
+    assert story.scans < 20
+
+
+def test_a_door_that_closes_behind_the_robot_leaves_it_where_it_is_and_says_so():
+    start = Pose2(1.0, 2.5, 0.0)
+    shut = with_box(TWO_ROOMS, 3.5, 1.9, 3.6, 3.0)
+
+    def close(story):
+        at = story.robot.start @ story.robot.pose
+        return shut if at.x_m > 4.0 else None
+
+    story = tell(TWO_ROOMS, start, change=close)
+    assert "home" in story.decision.reason
+    assert "out of reach" in story.decision.reason or "not reached" in story.decision.reason
+    assert story.robot.contacts == 0
+
+
+def test_two_equal_frontiers_are_no_seesaw():
+    """A corridor with the robot in its middle: one end, then the other; no place twice."""
+    hall = plan(21, 2.5, (0.5, 0.5, 20.5, 2.0))
+    start = Pose2(10.5, 1.25, 0.0)
+    story = tell(hall, start)
+    assert story.decision.is_complete
+    assert seen_share(hall, start, story.robot) >= 0.99
+    goals = [drive.place for drive in story.drives if drive.gap_id != NO_GAP]
+    assert all(a.distance_m(b) > 0.3 for a, b in combinations(goals, 2))
+    far = [math.copysign(1.0, goal.x_m) for goal in goals if abs(goal.x_m) > 3.0]
+    assert sum(a != b for a, b in pairwise(far)) <= 2, far
+    assert story.robot.path_m <= 45.0
+
+
+def test_deciding_again_on_the_way_keeps_the_goal():
+    """Between equal frontiers too: each decision must bring the robot nearer to its goal."""
+    hall = plan(21, 2.5, (0.5, 0.5, 20.5, 2.0))
+    story = tell(hall, Pose2(10.5, 1.25, 0.0), configured(max_scans=1, return_home=False))
+    explorer, grid = story.explorer, story.grid
+    explorer = Explorer(Config().exploration, Config().robot, Config().lrf)
+    scan = story.robot.scan(np.pi)
+    explorer.observe(0, 0.0, Pose2(), scan, (0.0, math.pi))
+    pose, places = Pose2(), []
+    for _ in range(5):
+        drive = explorer.decide(pose, grid)
+        assert isinstance(drive, Drive)
+        places.append(drive.place.x_m)
+        ahead = drive.path.points_m[-1] - drive.path.points_m[0]
+        step = 0.2 * ahead / np.hypot(*ahead)
+        pose = Pose2(pose.x_m + step[0], pose.y_m + step[1], 0.0)
+    assert np.ptp(places) < 0.5
+
+
+def test_decisions_that_show_nothing_new_refuse_their_goals_one_by_one():
+    """However often the way is found blocked by what no map shows: no goal for ever."""
+    hall = plan(21, 2.5, (0.5, 0.5, 20.5, 2.0))
+    story = tell(hall, Pose2(10.5, 1.25, 0.0), configured(max_scans=1, return_home=False))
+    explorer = Explorer(Config().exploration, Config().robot, Config().lrf)
+    explorer.observe(0, 0.0, Pose2(), story.robot.scan(np.pi), (0.0, math.pi))
+    goals = Counter()
+    for _ in range(400):
+        decision = explorer.decide(Pose2(), story.grid)
+        if isinstance(decision, Finished):
+            break
+        goals[decision.gap_id] += 1
+    assert isinstance(decision, Finished)
+    assert len(goals) > 1  # the strategy moved on to the others
+    assert any("nothing new" in gap.why for gap in decision.left)
+
+
+def test_a_doorway_two_centimetres_too_narrow_is_left_and_told():
+    narrow = plan(
+        8, 5, (0.5, 0.5, 3.5, 4.5), (3.5, 2.3, 3.7, 2.68), (3.7, 0.5, 7.5, 4.5),
+        resolution_m=0.02,
+    )  # fmt: skip
+    story = tell(narrow, Pose2(1.5, 1.2, 0.0))
+    assert story.decision.is_complete
+    assert story.robot.contacts == 0
+    assert not any(d.place.x_m + 1.5 > 3.6 for d in story.drives)
+    told = [left for left in story.decision.unseen if left.state == "too_narrow"]
+    assert told, story.decision.unseen
+    assert any(left.x_m + 1.5 > 3.3 for left in told)
+
+
+def test_what_was_given_up_is_tried_once_more_from_elsewhere():
+    """Something that no beam shows stands in the door until the robot has stepped back."""
+    start = Pose2(1.5, 2.5, 0.0)
+    barred = with_box(TWO_ROOMS, 3.4, 1.9, 3.7, 3.0)
+
+    def move(story):
+        has_left = any("another look" in drive.reason for drive in story.drives)
+        story.robot.solid = TWO_ROOMS if has_left else barred
+
+    story = tell(TWO_ROOMS, start, change=move)
+    assert story.failures >= 2
+    assert story.decision.is_complete
+    assert seen_share(TWO_ROOMS, start, story.robot) >= 0.99
+
+
+def test_what_never_lets_the_robot_through_is_told():
+    start = Pose2(1.5, 2.5, 0.0)
+
+    def bar(story):
+        story.robot.solid = with_box(TWO_ROOMS, 3.4, 1.9, 3.7, 3.0)
+
+    story = tell(TWO_ROOMS, start, change=bar)
+    assert story.decision.is_complete
+    assert any("given up" in left.why for left in story.decision.unseen)
+    assert story.robot.pose.distance_m(Pose2()) <= 0.1
+
+
+def test_the_robot_comes_home_and_faces_as_it_did():
+    run = explore(TWO_ROOMS, 1.5, 2.2, heading=0.7)
+    assert run.decision.is_complete
+    assert run.robot.pose.distance_m(Pose2()) <= 0.05
+    assert abs(run.robot.pose.heading_rad) < 0.05
+
+
+def test_it_stays_where_it_is_when_told_so():
+    run = explore(TWO_ROOMS, 1.5, 2.2, configured(return_home=False))
+    assert run.decision.is_complete
+    assert run.robot.pose.distance_m(Pose2()) > 0.5
