@@ -2,10 +2,10 @@
 """How far wide silence is free: a scan in, the way that each silent beam surely had free out.
 
 In a hall wider than the range most beams answer nothing. A wall within the trusted range that
-fills a wide angle shows itself somewhere: it is seen squarely at its foot, or goes on from where
-readings end beside the run. So a wide run is free up to the trusted range, but not up to where
-the walls beside it would go on: those fall silent as they are seen ever more slanted, and glass
-between two posts lies on the line of the posts. A scan without any reading may be a blind
+fills a wide angle shows itself somewhere: it is seen squarely at its foot, or goes on from
+where readings end beside the run. So a wide run is free up to the trusted range, but not up to
+where the walls beside it would go on: those fall silent as they are seen ever more slanted, and
+glass between two posts lies on the line of the posts. A scan without any reading may be a blind
 sensor and frees nothing here.
 """
 
@@ -60,7 +60,7 @@ def wide_silence_m(scan: LaserScan, wide_rad: float, trusted_m: float) -> FloatA
 
 
 def _sides(first: int, end: int, count: int, *, is_full: bool) -> list[NDArray[np.int64]]:
-    """Indices of the beams before and after a run, nearest first; none past a sector's limit."""
+    """Indices of the beams before and after a run, nearest first, within the sector."""
     most = 4 * BESIDE
     before = np.arange(first - 1, first - 1 - most, -1)
     after = np.arange(end, end + most)

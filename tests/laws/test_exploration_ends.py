@@ -65,7 +65,12 @@ def test_a_robot_inside_freshly_seen_inflation_gets_out():
 def test_a_goal_that_a_moved_obstacle_blocks_is_reached_another_way():
     """Seen through the near door, which is then blocked; there is a far one."""
     world = plan(
-        8, 7, (0.5, 0.5, 3.5, 6.5), (3.5, 2.0, 3.6, 2.9), (3.5, 5.2, 3.6, 6.1), (3.6, 0.5, 7.5, 6.5)
+        8,
+        7,
+        (0.5, 0.5, 3.5, 6.5),
+        (3.5, 2.0, 3.6, 2.9),
+        (3.5, 5.2, 3.6, 6.1),
+        (3.6, 0.5, 7.5, 6.5),
     )
     blocked = with_box(world, 3.4, 1.9, 3.7, 3.0)
     start = Pose2(1.5, 2.5, 0.0)
