@@ -154,11 +154,14 @@ def free_ranges_m(
 
 
 def silent_runs(scan: LaserScan) -> SilentRuns:
-    """Find the silent runs of a scan; those of a whole turn close on themselves."""
+    """Find the silent runs of a scan; those of a whole turn close on themselves.
+
+    In a scan without readings, the middle of a large hall, there is nothing to be nearer.
+    """
     valid = scan.is_valid
     count = len(valid)
     if not valid.any():
-        return SilentRuns(np.zeros(count), np.full(count, np.inf))
+        return SilentRuns(np.full(count, np.inf), np.full(count, np.inf))
     order = np.argsort(scan.bearings_rad, kind="stable")
     bearings = scan.bearings_rad[order]
     span = (bearings[-1] - bearings[0]) * count / max(count - 1, 1)

@@ -45,6 +45,7 @@ from ins_robot.navigation.unseen import BarrenEdges
 __all__ = ["Drive", "Explorer", "Finished", "LeftGap"]
 
 IN_VAIN_SHARE = 0.5  # a scan that leaves more of what it was to show unseen was in vain
+BLIND_SCANS = 4  # so many without a single reading in a row: covered, or lost in a huge hall
 MOVED_M = 0.02  # a node corrected by more: the map is looked at again everywhere
 
 
@@ -89,6 +90,7 @@ class Explorer:
         self._aim: _Aim | None = None
         self._scanned_aim: _Aim | None = None
         self._has_new_node = False
+        self._blind_scans = 0
         self._chances = SecondChances(self.graph, self._barren)
         self._progress = Progress()
         self._errand_m: FloatArray | None = None
@@ -128,6 +130,7 @@ class Explorer:
         self.graph.add(node)
         self._scanned_aim, self._aim = self._aim, None
         self._has_new_node = True
+        self._blind_scans = 0 if scan.is_valid.any() else self._blind_scans + 1
 
     def relocate(self, poses: FloatArray) -> None:
         """SLAM moved the nodes: poses (K, 3) of all K of them, in order of observation."""
@@ -196,6 +199,9 @@ class Explorer:
         if len(self.graph) >= self._config.max_scans:
             why = f"max_scans = {self._config.max_scans} reached"
             return self._home_or(scene, self._finished(scene, why, False))
+        if self._blind_scans >= BLIND_SCANS:
+            why = f"{BLIND_SCANS} scans in a row without a reading: is the LRF covered?"
+            return self._home_or(scene, self._finished(scene, why, False))
         if self._progress.is_stalled(
             float(np.count_nonzero(~scene.grid.is_unknown)) * scene.grid.resolution_m**2
         ):
@@ -223,6 +229,8 @@ class Explorer:
         return self._home_or(scene, self._finished(scene, "no reachable gap is left", True))
 
     def _finished(self, scene: Scene, why: str, is_complete: bool) -> Finished:
+        if not scene.grid.is_free.any():
+            why, is_complete = "the LRF shows no free ground here: is it covered?", False
         return Finished(
             reason=why,
             left=left_gaps(self.graph),

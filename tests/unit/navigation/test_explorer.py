@@ -22,6 +22,7 @@ from exploring import (
 from ins_robot.config import Config, ExplorationConfig, LrfConfig, RobotConfig
 from ins_robot.errors import StateError
 from ins_robot.geometry.pose2 import Pose2
+from ins_robot.navigation.decisions import NO_GAP
 from ins_robot.navigation.explorer import Drive, Explorer, Finished
 from ins_robot.navigation.gaps import GapState
 from ins_robot.simulation.truth import coverage
@@ -67,7 +68,7 @@ def test_what_was_left_is_told_with_its_reason():
 
 def test_the_robot_arrives_facing_what_it_came_for():
     for run in bench.explore(ROOMS, Pose2(*START, 0.0), Config()):
-        if isinstance(run.decision, Finished):
+        if isinstance(run.decision, Finished) or run.decision.gap_id == NO_GAP:
             break
         node = next(n for n in run.explorer.graph.nodes if n.id == run.decision.node_id)
         gap = node.gaps[run.decision.gap_id]
