@@ -20,6 +20,9 @@ CONNECT_TIMEOUT_S = 5.0
 REPLY_TIMEOUT_S = 15.0
 SLOW_REPLY_TIMEOUTS_S = {  # these draw a picture or take a scan; a Pi 3 takes its time
     "stop": 120.0,
+    "goto": 60.0,
+    "add_zone": 60.0,
+    "remove_zone": 60.0,
     "map": 60.0,
     "next_picture": 60.0,
     "here": 120.0,

@@ -44,6 +44,8 @@ COMMANDS = (
     Command("estop", "order", "stop the motors at once; latched until `clear`"),
     Command("clear", "order", "release the emergency stop and latched faults"),
     Command("status", "status", "what the robot is doing"),
+    Command("goto", "goto", "drive to a place of the map"),
+    Command("zones", "zones", "no-go zones and virtual walls: add, list, remove"),
     Command("map", "fetch_map", "the running map, or the last finished one"),
     Command("next", "where_next", "where the run goes next, in words and on the map"),
     Command("here", "here", "manual base: scan where the LRF was put down"),

@@ -25,7 +25,8 @@ class CarriedCore(RunCore):
     odometry: CarriedOdometry
 
     def __init__(self, config: Config, rng: np.random.Generator, timer_s: Timer) -> None:
-        super().__init__(config, rng, timer_s)
+        exploration = replace(config.exploration, return_home=False)  # nobody needs to be told
+        super().__init__(replace(config, exploration=exploration), rng, timer_s)
         self.odometry = CarriedOdometry(config.base)
         self.refused_scans = 0
         self._scanned_at: Pose2 | None = None

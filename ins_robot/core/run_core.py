@@ -23,6 +23,7 @@ from ins_robot.core.survey import Decision, Sector, Survey, Timer
 from ins_robot.core.trajectory import Anchor, TrajectoryRecorder
 from ins_robot.geometry.angles import FloatArray
 from ins_robot.geometry.pose2 import Pose2
+from ins_robot.mapping.zones import Zone
 from ins_robot.messages import ImuSample, LaserScan, MotionIncrement, PoseEstimate, WheelSample
 from ins_robot.navigation.explorer import Drive
 from ins_robot.sensing.deskew import deskew
@@ -93,6 +94,7 @@ class RunCore:
         self.path_length_m = 0.0
         self.scans = 0
         self.sweeps = 0
+        self.is_recorded = True  # the way driven is kept
         self.first_stamp_s: float | None = None
         self.last_stamp_s = 0.0
         self._revolutions: list[LaserScan] = []
@@ -146,6 +148,8 @@ class RunCore:
         pose = self.odometry.pose
         self.path_length_m += self._last_odom.distance_m(pose)
         self._last_odom = pose
+        if not self.is_recorded:
+            return
         if sample.stamp_s - self._recorded_at_s >= TRAJECTORY_PERIOD_S - 1e-3:
             self._recorded_at_s = sample.stamp_s
             self.trajectory.add(sample.stamp_s, pose)
@@ -197,6 +201,18 @@ class RunCore:
         """The way turned out to be blocked; in the worker."""
         return self.survey.replan(pose)
 
+    def go_to(self, place_m: tuple[float, float], pose: Pose2) -> Drive:
+        """Somebody named a place; in the worker. StateError: it cannot be reached."""
+        return self.survey.send_to(place_m, pose)
+
+    def go_home(self, why: str, pose: Pose2) -> Decision:
+        """Exploring has to end; in the worker."""
+        return self.survey.end(why, pose)
+
+    def forbid(self, zones: tuple[Zone, ...]) -> None:
+        """No-go zones and virtual walls from now on; in the worker."""
+        self.survey.explorer.forbid(zones)
+
     # What comes out at the end.
 
     def corrected_trajectory(self) -> tuple[FloatArray, FloatArray]:
@@ -220,7 +236,16 @@ class RunCore:
     @property
     def notes(self) -> dict[str, Any]:
         """What summary.json tells beside what every run has."""
-        return {"sweeps": self.sweeps, **self.survey.slam.notes()}
+        return {"sweeps": self.sweeps, **self._end_notes(), **self.survey.slam.notes()}
+
+    def _end_notes(self) -> dict[str, Any]:
+        """How far from home the robot is, and what was left unseen; null: it was stopped."""
+        nodes, ended = self.survey.explorer.graph.nodes, self.survey.ended
+        home = nodes[0].pose if nodes else Pose2()
+        return {
+            "home_m": round(self.pose.distance_m(home), 3),
+            "left": None if ended is None else [left.as_json() for left in ended.unseen],
+        }
 
     def result(
         self,
@@ -256,6 +281,7 @@ class RunCore:
             peak_rss_mb=peak_rss_mb,
             slam_ms=self.survey.slam_ms,
             notes={**self.notes, **notes},
+            zones=self.survey.explorer.bounds.zones,
         )
 
     def _job(self, scan: LaserScan, sector: Sector | None, *, is_node: bool | None) -> ScanJob:

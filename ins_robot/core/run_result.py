@@ -16,6 +16,7 @@ import numpy as np
 
 from ins_robot.geometry.angles import FloatArray
 from ins_robot.mapping.map_files import GridView
+from ins_robot.mapping.zones import Zone
 
 
 class RunState(StrEnum):
@@ -53,6 +54,8 @@ class RunResult:
         heading_rmse_deg.
     notes : mapping
         Anything more for summary.json.
+    zones : sequence of Zone
+        No-go zones and virtual walls.
     """
 
     name: str
@@ -76,6 +79,7 @@ class RunResult:
     true_map_from_base: FloatArray | None = None
     truth_metrics: Mapping[str, float] = field(default_factory=dict)
     notes: Mapping[str, Any] = field(default_factory=dict)
+    zones: Sequence[Zone] = ()
 
     def summary(self) -> dict[str, Any]:
         """The content of summary.json."""

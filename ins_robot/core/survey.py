@@ -13,6 +13,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from ins_robot.config import Config
 from ins_robot.estimation.slam import Slam
@@ -55,6 +56,7 @@ class Survey:
         self._timer_s = timer_s
         self._surveyed: list[int] = []  # SLAM's node behind each of the explorer's
         self._goal: Drive | None = None
+        self.ended: Finished | None = None
 
     def place(self, scan: LaserScan, motion: MotionIncrement) -> MotionIncrement | None:
         """Narrow down a motion that is hardly known; None when the scan fits nowhere.
@@ -100,9 +102,29 @@ class Survey:
         self.ins_ms += 1e3 * (self._timer_s() - begun_s)
         return decision
 
+    def send_to(self, place_m: tuple[float, float], pose: Pose2) -> Drive:
+        """To a place somebody named; a StateError when no known way leads there."""
+        self._follow_corrections()
+        drive = self.explorer.send_to(np.array(place_m), pose, self.grid)
+        self._goal = drive
+        return drive
+
+    def end(self, why: str, pose: Pose2) -> Decision:
+        """Explore no more: home, or finished."""
+        self._follow_corrections()
+        return self._note(self.explorer.end(why, pose, self.grid))
+
+    def obstacles(self) -> cKDTree:
+        """Points (N, 2) on all that the body must not touch, forbidden lines included."""
+        walls, fence_m = self.grid.walls(), self.explorer.bounds.fence_m()
+        return cKDTree(np.concatenate([walls.data, fence_m])) if len(fence_m) else walls
+
     def _decide(self, pose: Pose2) -> Decision:
-        decision = self.explorer.decide(pose, self.grid)
+        return self._note(self.explorer.decide(pose, self.grid))
+
+    def _note(self, decision: Decision) -> Decision:
         self._goal = decision if isinstance(decision, Drive) else None
+        self.ended = decision if isinstance(decision, Finished) else None
         return decision
 
     def _locate(

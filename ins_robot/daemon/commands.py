@@ -14,9 +14,11 @@ from ins_robot.daemon.manual_mission import ManualMission
 from ins_robot.daemon.run_store import RunStore
 from ins_robot.daemon.run_under_way import MissionState, RunUnderWay
 from ins_robot.daemon.runtime import Robot, mission_state
+from ins_robot.daemon.zone_store import ZoneStore
 from ins_robot.errors import StateError
 from ins_robot.logs.run_directory import MAP_PGM, MAP_PNG, MAP_YAML, MARGIN_CELLS, picture_of
 from ins_robot.mapping.map_files import TernaryMap, pgm_bytes, yaml_text
+from ins_robot.mapping.zones import Zone, zone_of, zones_as_json
 from ins_robot.sensing.scan_summary import polar_picture
 
 FILES = {"png": MAP_PNG, "pgm": MAP_PGM, "yaml": MAP_YAML}
@@ -28,6 +30,7 @@ class DaemonCommands:
     def __init__(self, robot: Robot, store: RunStore) -> None:
         self._robot = robot
         self._store = store
+        self._zones = ZoneStore(store.root)
 
     async def start(self, name: str) -> str:
         """Begin a run; its full name."""
@@ -45,8 +48,9 @@ class DaemonCommands:
                 f"stopped: {self._robot.stop_latch.reason}; `ins-robot clear` releases it"
             )
         self._robot.single_scan.check_idle()
+        zones = self._zones.load()
         directory = self._store.create(name)
-        self._robot.begin(directory, directory.name)
+        self._robot.begin(directory, directory.name, zones)
         return directory.name
 
     async def stop(self) -> str:
@@ -88,6 +92,7 @@ class DaemonCommands:
             "tasks": robot.supervisor.as_dict(),
             "health": robot.health.as_dict(now_s),
             "last_run": robot.last_summary,
+            "last_goto": robot.last_goto,
         }
         if mission is not None:
             core = mission.core
@@ -149,6 +154,27 @@ class DaemonCommands:
         revolutions = await self._robot.single_scan.take()
         picture = polar_picture(revolutions, self._robot.config.lrf)
         return await asyncio.to_thread(draw_elsewhere, picture)
+
+    async def goto(self, x_m: float, y_m: float) -> None:
+        """Drive to a place, in a run or after one."""
+        await self._robot.go_to((float(x_m), float(y_m)))
+
+    async def zones(self) -> list[dict[str, Any]]:
+        """All zones."""
+        return zones_as_json(self._zones.load())
+
+    async def add_zone(self, zone: dict[str, Any]) -> None:
+        """One more, for the run under way and all later ones."""
+        await self._forbid(self._zones.with_one_more(zone_of(zone)))
+
+    async def remove_zone(self, name: str) -> None:
+        """One less."""
+        await self._forbid(self._zones.without(name))
+
+    async def _forbid(self, zones: tuple[Zone, ...]) -> None:
+        self._zones.save(zones)
+        if self._robot.mission is not None:
+            await self._robot.mission.forbid(zones)
 
     async def runs(self) -> list[dict[str, Any]]:
         """All recorded runs."""

@@ -84,6 +84,22 @@ class RobotCommands(Protocol):
         """Take one scan outside of the run; its polar plot, a PNG."""
         ...
 
+    async def goto(self, x_m: float, y_m: float) -> None:
+        """Drive to a place of the map; returns when the robot sets out."""
+        ...
+
+    async def zones(self) -> list[dict[str, Any]]:
+        """The no-go zones and virtual walls (`Zone.as_json`)."""
+        ...
+
+    async def add_zone(self, zone: dict[str, Any]) -> None:
+        """Forbid ground from now on."""
+        ...
+
+    async def remove_zone(self, name: str) -> None:
+        """Allow it again."""
+        ...
+
     async def runs(self) -> list[dict[str, Any]]:
         """The recorded runs, oldest first (`run_store.RunInfo.as_dict`)."""
         ...
@@ -108,9 +124,15 @@ ARGUMENTS: dict[str, dict[str, type]] = {
     "here": {},
     "skip": {},
     "scan": {},
+    "goto": {"x_m": float, "y_m": float},
+    "zones": {},
+    "add_zone": {"zone": dict},
+    "remove_zone": {"name": str},
     "runs": {},
     "delete_runs": {"names": list},
 }
+
+KINDS = {str: "a string", list: "a list of strings", float: "a number", dict: "an object"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -142,13 +164,19 @@ def decode_request(line: bytes) -> Request:
         if name not in wanted:
             raise WireError(f"control request '{command}': unknown argument '{name}'")
     for name, kind in wanted.items():
-        value = arguments.get(name)
-        if not isinstance(value, kind) or (
-            isinstance(value, list) and not all(isinstance(item, str) for item in value)
-        ):
-            what = "a list of strings" if kind is list else "a string"
+        if not _is_a(arguments.get(name), kind):
+            what = KINDS[kind]
             raise WireError(f"control request '{command}': argument '{name}' must be {what}")
     return Request(command=command, arguments=arguments)
+
+
+def _is_a(value: Any, kind: type) -> bool:
+    if kind is float:
+        is_number = isinstance(value, int | float) and not isinstance(value, bool)
+        return is_number and math.isfinite(value)
+    if kind is list:
+        return isinstance(value, list) and all(isinstance(item, str) for item in value)
+    return isinstance(value, kind)
 
 
 async def dispatch(request: Request, commands: RobotCommands) -> Any:

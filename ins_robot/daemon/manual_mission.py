@@ -21,12 +21,11 @@ from ins_robot.daemon.scan_taking import ScannerPower
 from ins_robot.errors import DeviceError, StateError
 from ins_robot.geometry.pose2 import Pose2
 from ins_robot.logs.journal import JournalWriter
+from ins_robot.navigation.decisions import NO_GAP
 from ins_robot.navigation.explorer import Drive
 from ins_robot.navigation.retreat import Retreat
 
 log = logging.getLogger(__name__)
-
-NO_GAP = -1  # on the way back there is no gap to look into
 
 Order = tuple[Callable[[], Awaitable[None]], asyncio.Future[None]]
 

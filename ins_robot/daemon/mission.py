@@ -5,25 +5,31 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import math
 from collections.abc import Awaitable, Callable, Coroutine
 from concurrent.futures import Executor
 from typing import Any
 
 from ins_robot.config import Config
 from ins_robot.control.path_follower import Following
+from ins_robot.core.budget import Budget
 from ins_robot.core.run_core import RunCore, ScanJob, ScanOutcome
 from ins_robot.core.survey import Decision
+from ins_robot.daemon.orders import Orders, Place
 from ins_robot.daemon.pilot import Pilot
 from ins_robot.daemon.run_under_way import MissionState, RunUnderWay
 from ins_robot.daemon.scan_taking import ScannerPower
-from ins_robot.errors import DeviceError
+from ins_robot.errors import DeviceError, StateError
+from ins_robot.geometry.pose2 import Pose2
 from ins_robot.logs.journal import JournalWriter
+from ins_robot.mapping.zones import Zone
 from ins_robot.messages import ImuSample, LaserScan, WheelSample
 from ins_robot.navigation.explorer import Drive
 
 log = logging.getLogger(__name__)
 
 CALIBRATION_TIMEOUT_S = 60.0
+BATTERY_SHARE = 0.002  # of each telemetry frame: a drop of load must last for 10 s
 WATCH_PERIOD_S = 0.2  # how often a drive looks at its pose uncertainty
 ROOMY_M = 0.4  # with this much clearance `lrf.look_every_m` is taken as it is
 CRAMPED_SHARE = 0.15  # and no less than this share of it among obstacles
@@ -48,6 +54,10 @@ class Mission(RunUnderWay):
     ) -> None:
         super().__init__(name, config, core, scanner, worker, journal)
         self._pilot = pilot
+        self._orders = Orders()
+        self._budget = Budget(config)
+        self._battery_v = math.nan
+        self._is_going_home = False
         self._ready = asyncio.Event()
         self._is_surveying = False
         self._last_tick_s: float | None = None
@@ -58,10 +68,11 @@ class Mission(RunUnderWay):
     def _halt(self) -> None:
         """Bring the wheels to a stand."""
         self._pilot.halt()
+        self._orders.refuse("goto: the run has ended; ask again")
 
     async def _explore(self) -> None:
         await self._calibrate()
-        decision = await self._scan_here()
+        decision = await self._take_up(await self._scan_here())
         while isinstance(decision, Drive):
             if self._is_out_of_budget():
                 return
@@ -73,8 +84,47 @@ class Mission(RunUnderWay):
                 decision = await self._replan()
             else:
                 decision = await self._give_up(decision, outcome)
+            decision = await self._take_up(decision)
         ended = MissionState.COMPLETE if decision.is_complete else MissionState.STOPPED
         self._end(ended, decision.reason)
+
+    async def _take_up(self, decision: Decision) -> Decision:
+        """What people asked for meanwhile, and what time, way and battery say, come first."""
+        if self._orders.zones_changed:
+            self._orders.zones_changed = False
+            decision = await self._replan()
+        taken = self._orders.take_place()
+        if taken is not None:
+            place_m, told = taken
+            pose = self._mark_here("goto", x_m=place_m[0], y_m=place_m[1])
+            try:
+                decision = await self._in_worker(self.core.go_to, place_m, pose)
+                told.set_result(None)
+            except StateError as error:
+                told.set_exception(error)
+        if isinstance(decision, Drive) and (why := self._why_home(decision)) is not None:
+            self._is_going_home = True
+            pose = self._mark_here("go_home", why=why)
+            decision = await self._in_worker(self.core.go_home, why, pose)
+        return decision
+
+    def _mark_here(self, kind: str, **payload: Any) -> Pose2:
+        """A mark with the pose it happened at, which is returned."""
+        pose = self.core.pose
+        self._mark(kind, **payload, pose=[pose.x_m, pose.y_m, pose.heading_rad])
+        return pose
+
+    def _why_home(self, goal: Drive, driven_m: float = 0.0) -> str | None:
+        """Why exploring must end now, `driven_m` after the robot set out for the goal."""
+        if self._is_going_home:
+            return None
+        way_m = driven_m + (goal.home_m or goal.path.length_m)
+        if not driven_m:  # about to set out: there, and in the worst case back the same way
+            way_m += 2.0 * goal.path.length_m
+        core = self.core
+        return self._budget.why_home(
+            core.duration_s, core.path_length_m, way_m, self._battery_v
+        )
 
     async def _calibrate(self) -> None:
         """Stand until the gyro's bias is known."""
@@ -101,6 +151,7 @@ class Mission(RunUnderWay):
         """Follow the path; look around on the way where needed, and stop if it is blocked."""
         self.state, self.goal = MissionState.DRIVING, goal
         arrival = self._pilot.follow(goal.path)
+        begun_m = self.core.path_length_m
         while not arrival.done():
             await asyncio.wait({arrival}, timeout=WATCH_PERIOD_S)
             if self._clock() - self._ticked_at_s > MOTORS_GONE_S:
@@ -108,6 +159,12 @@ class Mission(RunUnderWay):
                     f"motors: no telemetry for {MOTORS_GONE_S:g} s in a drive: cable, supply, "
                     "or the microcontroller's firmware? the wheels stand (its dead-man)"
                 )
+            driven_m = max(1e-3, self.core.path_length_m - begun_m)
+            if not arrival.done() and (
+                self._orders.are_waiting or self._why_home(goal, driven_m)
+            ):
+                self._pilot.halt()
+                return Following.BLOCKED
             if not arrival.done() and self._wants_sweep():
                 await self._sweep()
                 if not arrival.done() and self._pilot.is_blocked(self.core.pose):
@@ -119,15 +176,13 @@ class Mission(RunUnderWay):
         await self._until_standing()
         await self._sweep()  # what stopped the robot may be seen from here
         self.state = MissionState.THINKING
-        pose = self.core.pose
-        self._mark("give_up", why=str(outcome), pose=[pose.x_m, pose.y_m, pose.heading_rad])
+        pose = self._mark_here("give_up", why=str(outcome))
         return await self._in_worker(self.core.give_up, goal, str(outcome), pose)
 
     async def _replan(self) -> Decision:
         await self._until_standing()
         self.state = MissionState.THINKING
-        pose = self.core.pose
-        self._mark("replan", pose=[pose.x_m, pose.y_m, pose.heading_rad])
+        pose = self._mark_here("replan")
         return await self._in_worker(self.core.replan, pose)
 
     # ---------------------------------------------------------------- scans
@@ -160,7 +215,7 @@ class Mission(RunUnderWay):
         try:
             outcome = await computing
             self.core.apply(outcome)
-            self._pilot.observe(await self._in_worker(self.core.survey.grid.walls))
+            self._pilot.observe(await self._in_worker(self.core.survey.obstacles))
         finally:
             self._is_surveying = False
         return outcome
@@ -180,8 +235,15 @@ class Mission(RunUnderWay):
             self._ready.set()
         last_s, self._last_tick_s = self._last_tick_s, sample.stamp_s
         self._ticked_at_s = self._clock()
+        self._weigh_battery(sample.battery_v)
         dt_s = 0.0 if last_s is None else min(0.1, max(0.0, sample.stamp_s - last_s))
         return self._pilot.tick(self.core.pose, dt_s)
+
+    def _weigh_battery(self, volts: float) -> None:
+        if math.isnan(self._battery_v):
+            self._battery_v = volts
+        elif not math.isnan(volts):
+            self._battery_v += BATTERY_SHARE * (volts - self._battery_v)
 
     def on_revolution(self, revolution: LaserScan) -> None:
         """A whole turn of the LRF."""
@@ -205,6 +267,18 @@ class Mission(RunUnderWay):
         self._group.create_task(self._survey(job), name=f"{self.name} sweep")
 
     # ---------------------------------------------------------------- the operator
+
+    async def forbid(self, zones: tuple[Zone, ...]) -> None:
+        """No-go zones and virtual walls from now on; the way is looked at again."""
+        await super().forbid(zones)
+        self._pilot.observe(await self._in_worker(self.core.survey.obstacles))
+        self._orders.zones_changed = True
+
+    async def go_to(self, place_m: Place) -> None:
+        """Drive to a place (x, y) of the map, scan there, and go on exploring."""
+        if self.is_paused:
+            raise StateError("goto: the run is paused: `ins-robot resume` first")
+        await self._orders.go_to(place_m)
 
     def pause(self) -> None:
         """Stand, and stay where the method is."""

@@ -17,9 +17,11 @@ from typing import Any, TypeVar
 
 from ins_robot.config import Config
 from ins_robot.core.run_core import RunCore, ScanJob
+from ins_robot.daemon.orders import Place
 from ins_robot.daemon.scan_taking import ScannerPower, ScanTaker
-from ins_robot.errors import RobotError
+from ins_robot.errors import RobotError, StateError
 from ins_robot.logs.journal import JournalWriter
+from ins_robot.mapping.zones import Zone, zones_as_json
 from ins_robot.messages import ImuSample, LaserScan, Mark, WheelSample
 from ins_robot.navigation.explorer import Drive
 
@@ -181,6 +183,20 @@ class RunUnderWay(ABC):
             self._record(revolution)
 
     # ---------------------------------------------------------------- the operator
+
+    def forbid_from_start(self, zones: tuple[Zone, ...]) -> None:
+        """No-go zones and virtual walls of the run, before it begins."""
+        self._mark("zones", zones=zones_as_json(zones))
+        self.core.forbid(zones)
+
+    async def forbid(self, zones: tuple[Zone, ...]) -> None:
+        """No-go zones and virtual walls from now on."""
+        self._mark("zones", zones=zones_as_json(zones))
+        await self._in_worker(self.core.forbid, zones)
+
+    async def go_to(self, place_m: Place) -> None:
+        """Drive to a place (x, y) of the map; StateError: it cannot be reached."""
+        raise StateError("goto: nothing drives here: a person carries the LRF")
 
     def pause(self) -> None:
         """Stand, and stay where the method is."""

@@ -20,11 +20,14 @@ import numpy as np
 from ins_robot import __version__
 from ins_robot.config import Config, to_toml
 from ins_robot.core.carried_core import CarriedCore, make_core
+from ins_robot.core.run_core import RunCore
 from ins_robot.core.run_result import RunResult, RunState
+from ins_robot.daemon.after_run import AfterRun
 from ins_robot.daemon.drawing import draw_elsewhere
 from ins_robot.daemon.health import Health
 from ins_robot.daemon.manual_mission import ManualMission
 from ins_robot.daemon.mission import Mission
+from ins_robot.daemon.orders import Place
 from ins_robot.daemon.pilot import Pilot
 from ins_robot.daemon.pipeline import Pipeline
 from ins_robot.daemon.run_under_way import MissionState, RunUnderWay
@@ -36,6 +39,7 @@ from ins_robot.logs.journal import JOURNAL_NAME, JournalHeader, JournalWriter
 from ins_robot.logs.memory import peak_rss_mb
 from ins_robot.logs.run_directory import write_run
 from ins_robot.mapping.map_picture import MapPicture
+from ins_robot.mapping.zones import Zone
 from ins_robot.sensing.ports import Connector
 
 log = logging.getLogger(__name__)
@@ -87,6 +91,8 @@ class Robot:
         self.stop_latch = StopLatch()
         self.single_scan = SingleScan(config.lrf, self.pipeline)
         self.mission: RunUnderWay | None = None
+        self.last_goto: str | None = None
+        self._after: AfterRun | None = None
         self.finished: asyncio.Event = asyncio.Event()
         self.last_summary: dict[str, Any] | None = None
         self.save_error: RobotError | None = None  # why the last run has no files
@@ -111,7 +117,7 @@ class Robot:
 
     # ---------------------------------------------------------------- runs
 
-    def begin(self, directory: Path, name: str) -> None:
+    def begin(self, directory: Path, name: str, zones: tuple[Zone, ...] = ()) -> None:
         """Start a run that leaves its files in `directory`, which exists."""
         if self.mission is not None:
             raise StateError(f"run '{self.mission.name}' is under way: stop it first")
@@ -126,6 +132,9 @@ class Robot:
         )
         self.pilot = Pilot(self.config)  # at rest, not held, knowing no other run's walls
         self.mission = self._mission(name, JournalWriter(directory / JOURNAL_NAME, header))
+        if zones:
+            self.mission.forbid_from_start(zones)
+        self._after = None
         self.finished.clear()
         self.save_error = None
         self._began_run_s = time.perf_counter()
@@ -178,7 +187,50 @@ class Robot:
                     self.last_summary = saved
             finally:
                 self.mission = None
+                self._stay_in_the_map(mission.core)
                 self.finished.set()
+
+    def _stay_in_the_map(self, core: RunCore) -> None:
+        """Go on knowing where the robot is on the map of a run that has ended."""
+        if self.is_manual or not core.survey.explorer.graph.nodes:
+            return
+        scanner, worker = (lambda: self.pipeline.scanner), self._survey_worker
+        self._after = AfterRun("goto", self.config, core, self.pilot, scanner, worker)
+        self.pipeline.mission = self._after
+
+    async def go_to(self, place_m: Place) -> None:
+        """Drive to a place of the map; returns when the robot sets out.
+
+        Raises
+        ------
+        StateError
+            When there is no map, or no known way leads there.
+        """
+        if self.mission is not None:
+            await self.mission.go_to(place_m)
+            return
+        after = self._after
+        if after is None:
+            raise StateError("goto: the robot is on no map: `ins-robot start` makes one")
+        if self.stop_latch.is_set:
+            raise StateError(f"stopped: {self.stop_latch.reason}; `ins-robot clear` first")
+        self.single_scan.check_idle()
+        await self._in_survey_worker(lambda: after.core.go_to(place_m, after.core.pose))
+        if self.mission is not None or self._after is not after:
+            raise StateError("goto: something else has begun meanwhile")
+        after.place_m, self.mission = place_m, after
+        self.finished.clear()
+        self.save_error = None
+        self.supervisor.add_task("goto", lambda: self._run_errand(after))
+
+    async def _run_errand(self, errand: AfterRun) -> None:
+        try:
+            await errand.explore()
+        finally:
+            self.last_goto = errand.reason
+            self.mission = None
+            self._stay_in_the_map(errand.core)
+            self.finished.set()
 
     def _save(self, mission: RunUnderWay, directory: Path) -> dict[str, Any]:
         try:
@@ -282,6 +334,8 @@ class Robot:
                     mission.stop(str(error), failed=True)
                 self._check_battery(mission)
                 log.info("%s", self.health.line(now_s))
+            if self.pipeline.missing and mission is None:
+                self._after = self.pipeline.mission = None  # it may be anywhere by now
             if self.is_manual or "motors" in self.pipeline.missing:
                 self._notifier.feed_watchdog(now_s)  # nothing to control is not a hang
 

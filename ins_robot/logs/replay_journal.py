@@ -8,6 +8,7 @@ options it is what the run would have been, had the robot gone where it went.
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -22,10 +23,11 @@ from ins_robot.core.carried_core import CarriedCore, make_core
 from ins_robot.core.run_core import ScanJob
 from ins_robot.core.run_result import RunResult, RunState
 from ins_robot.core.survey import Decision
-from ins_robot.errors import InputError
+from ins_robot.errors import InputError, StateError
 from ins_robot.geometry.pose2 import Pose2
 from ins_robot.logs.journal import read_journal
 from ins_robot.logs.memory import peak_rss_mb
+from ins_robot.mapping.zones import zones_of
 from ins_robot.messages import ImuSample, LaserScan, Mark, WheelSample
 from ins_robot.navigation.explorer import Drive
 
@@ -83,6 +85,22 @@ class JournalReplay:
                 self.decision = self.core.give_up(self.decision, payload["why"], pose)
             case "end":
                 self.end = mark
+            case _:
+                self._on_order(mark)
+
+    def _on_order(self, mark: Mark) -> None:
+        """What people asked for during the run, and what its budget did."""
+        payload = mark.payload
+        match mark.kind:
+            case "goto":
+                with contextlib.suppress(StateError):  # refused then, refused now
+                    self._decision = self.core.go_to(
+                        (payload["x_m"], payload["y_m"]), Pose2(*payload["pose"])
+                    )
+            case "go_home":
+                self._decision = self.core.go_home(payload["why"], Pose2(*payload["pose"]))
+            case "zones":
+                self.core.forbid(zones_of(payload["zones"]))
 
     def _is_wanted(self) -> bool:
         self._scans_seen += 1

@@ -24,6 +24,7 @@ from ins_robot.geometry.pose2 import Pose2
 from ins_robot.logs.text_lines import split_lines
 from ins_robot.mapping.map_files import TernaryMap, pgm_bytes, yaml_text
 from ins_robot.mapping.map_picture import GapMark, MapPicture, png_bytes
+from ins_robot.mapping.zones import ZONES_FILE, zones_as_json
 
 MAP_PNG, MAP_PGM, MAP_YAML = "map.png", "map.pgm", "map.yaml"
 TRAJECTORY, TRUTH, GRAPH, SUMMARY = "trajectory.tum", "truth.tum", "graph.json", "summary.json"
@@ -67,6 +68,8 @@ def write_run(
     if result.true_map_from_base is not None:
         truth = tum_bytes(result.stamps_s, result.true_map_from_base)
         write_atomically(directory / TRUTH, truth)
+    if result.zones:
+        write_atomically(directory / ZONES_FILE, json_bytes(zones_as_json(result.zones)))
     write_atomically(directory / GRAPH, json_bytes(result.graph))
     summary = result.summary()
     write_atomically(directory / SUMMARY, json_bytes(summary))
@@ -153,6 +156,7 @@ def picture_of(result: RunResult) -> MapPicture:
         gaps=gaps,
         robot=Pose2.from_array(poses[-1]) if len(poses) else None,
         robot_radius_m=result.robot_radius_m,
+        zones=result.zones,
         caption=caption,
     )
 

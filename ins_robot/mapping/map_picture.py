@@ -21,6 +21,7 @@ from ins_robot.geometry.angles import FloatArray
 from ins_robot.geometry.pose2 import Pose2
 from ins_robot.mapping.map_files import GridView, TernaryMap
 from ins_robot.mapping.palette import MIST, NIGHT, WHITE
+from ins_robot.mapping.zones import Zone
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -61,7 +62,8 @@ class MapPicture:
     """What is on the picture.
 
     `way_m` is (N, 2), `nodes_m` (K, 2). `robot`, `goal` None: not drawn.
-    `node_ids` are written beside the nodes. `caption` is one short line.
+    `node_ids` are written beside the nodes. `zones` are no-go zones and virtual walls.
+    `caption` is one short line.
     """
 
     grid: GridView
@@ -72,6 +74,7 @@ class MapPicture:
     robot_radius_m: float = 0.2
     goal: GoalMark | None = None
     node_ids: Sequence[int] = ()
+    zones: Sequence[Zone] = ()
     caption: str = ""
 
 

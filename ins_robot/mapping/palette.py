@@ -14,7 +14,7 @@ NIGHT = (24, 32, 44)
 PALE_BLUE, BLUE, DEEP_BLUE = (220, 232, 247), (46, 124, 214), (17, 75, 145)
 GREEN = (22, 150, 96)
 ORANGE = (240, 130, 20)
-RED = (214, 40, 57)
+RED, DEEP_RED = (214, 40, 57), (190, 30, 30)
 PURPLE = (150, 40, 190)
 
 SMOOTH = 2  # lines and marks are drawn this many times larger and scaled down

@@ -20,6 +20,7 @@ from ins_robot.geometry.pose2 import Pose2
 from ins_robot.mapping import palette
 from ins_robot.mapping.map_picture import Frame, GoalMark, MapPicture
 from ins_robot.mapping.palette import FOOTER_PX, INK, RULE, SMOOTH, TEXT_PX, WHITE, Colour
+from ins_robot.mapping.zones import ZoneKind
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -35,6 +36,7 @@ _START = palette.GREEN
 _OPEN_GAP = palette.ORANGE
 _OTHER_GAP = palette.GREY
 _ROBOT = palette.RED
+_ZONE = palette.DEEP_RED
 _GOAL = palette.PURPLE
 DASH_M = 0.12
 
@@ -74,6 +76,8 @@ class _Band:
 
     def draw(self, picture: MapPicture) -> None:
         """All marks, the important ones last."""
+        for zone in picture.zones:
+            self._zone(self._at(np.array(zone.points_m)), zone.kind)
         nodes = self._at(picture.nodes_m)
         for gap in sorted(picture.gaps, key=lambda gap: gap.is_open):
             self._gap(gap.ends_m, is_open=gap.is_open)
@@ -104,6 +108,12 @@ class _Band:
         if edge:
             self._draw.circle(at, (radius + edge) * self._unit, fill=WHITE)
         self._draw.circle(at, radius * self._unit, fill=colour)
+
+    def _zone(self, points: list[Point], kind: ZoneKind) -> None:
+        if kind is ZoneKind.NO_GO:
+            self._draw.polygon(points, fill=(*_ZONE, 60))
+            points = [*points, points[0]]
+        self._line(points, _ZONE, 3)
 
     def _gap(self, ends_m: FloatArray, *, is_open: bool) -> None:
         middle = self._at(ends_m.mean(axis=0))[0]

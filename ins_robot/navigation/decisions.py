@@ -33,12 +33,6 @@ class Drive:
         x_m, y_m = self.path.points_m[-1]
         return Pose2(float(x_m), float(y_m), float(self.path.headings_rad[-1]))
 
-    @property
-    def place(self) -> Pose2:
-        """Where the path ends and the scan is taken, map_from_base."""
-        x_m, y_m = self.path.points_m[-1]
-        return Pose2(float(x_m), float(y_m), float(self.path.headings_rad[-1]))
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LeftGap:

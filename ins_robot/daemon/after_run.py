@@ -1,0 +1,74 @@
+# SPDX-License-Identifier: MIT
+"""Where the robot is after a run, and drives on the run's map: `ins-robot goto` without a run.
+
+The odometry goes on, so the robot still knows its place; nothing is recorded any more. Whoever
+carries or pushes it loses that.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import Executor
+
+from ins_robot.config import Config
+from ins_robot.control.path_follower import Following
+from ins_robot.core.run_core import RunCore
+from ins_robot.daemon.mission import Mission
+from ins_robot.daemon.orders import Place
+from ins_robot.daemon.pilot import Pilot
+from ins_robot.daemon.run_under_way import MissionState
+from ins_robot.daemon.scan_taking import ScannerPower
+from ins_robot.errors import StateError
+from ins_robot.logs.journal import JournalWriter
+from ins_robot.logs.journal_codec import Message
+
+TRIES = 4
+
+
+class NoJournal(JournalWriter):
+    """Keeps nothing."""
+
+    def __init__(self) -> None:
+        """No file is opened."""
+
+    def write(self, message: Message) -> None:
+        """Not kept."""
+
+    def flush(self) -> None:
+        """Nothing waits."""
+
+    def close(self) -> None:
+        """Nothing is open."""
+
+
+class AfterRun(Mission):
+    """Feeds an ended run's core, and drives to one place when `explore` is called."""
+
+    def __init__(
+        self,
+        name: str,
+        config: Config,
+        core: RunCore,
+        pilot: Pilot,
+        scanner: Callable[[], ScannerPower],
+        worker: Executor,
+    ) -> None:
+        super().__init__(name, config, core, pilot, scanner, worker, NoJournal())
+        core.is_recorded = False
+        self.place_m: Place = (0.0, 0.0)
+
+    async def _explore(self) -> None:
+        where = f"{self.place_m[0]:g} {self.place_m[1]:g}"
+        for _ in range(TRIES):
+            drive = await self._in_worker(self.core.go_to, self.place_m, self.core.pose)
+            outcome = await self._drive(drive)
+            await self._until_standing()
+            await self._sweep()
+            if outcome is Following.ARRIVED:
+                self._end(MissionState.COMPLETE, f"arrived at {where}")
+                return
+        self._end(MissionState.STOPPED, f"goto {where}: the way is blocked")
+
+    async def go_to(self, place_m: Place) -> None:
+        """One place at a time."""
+        raise StateError("goto: the robot is on its way already; `ins-robot stop` ends that")

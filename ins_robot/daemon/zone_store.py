@@ -1,0 +1,49 @@
+# SPDX-License-Identifier: MIT
+"""The file of no-go zones and virtual walls beside the runs; each run begins with them.
+
+They are in the frame of the map, whose origin is where a run begins: they hold for runs that
+begin at the same place, which is where a robot stands that has come home.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from ins_robot.errors import InputError
+from ins_robot.logs.run_directory import json_bytes, write_atomically
+from ins_robot.mapping.zones import ZONES_FILE, Zone, zones_as_json, zones_of
+
+
+class ZoneStore:
+    """Zones in `root`/zones.json."""
+
+    def __init__(self, root: Path) -> None:
+        self._path = root / ZONES_FILE
+
+    def load(self) -> tuple[Zone, ...]:
+        """All of them. Raises InputError when the file is none of ours."""
+        try:
+            return zones_of(json.loads(self._path.read_bytes()))
+        except FileNotFoundError:
+            return ()
+        except (OSError, ValueError) as error:
+            raise InputError(f"{self._path}: {error}") from None
+
+    def with_one_more(self, zone: Zone) -> tuple[Zone, ...]:
+        """All of them and this one, not written yet; its name must be new."""
+        return zones_of(zones_as_json([*self.load(), zone]))
+
+    def without(self, name: str) -> tuple[Zone, ...]:
+        """All but the one of that name, not written yet. Raises InputError: there is none."""
+        zones = self.load()
+        kept = tuple(zone for zone in zones if zone.name != name)
+        if len(kept) == len(zones):
+            known = ", ".join(zone.name for zone in zones) or "there are none"
+            raise InputError(f"no zone '{name}'; known: {known}")
+        return kept
+
+    def save(self, zones: tuple[Zone, ...]) -> None:
+        """Replace the file."""
+        self._path.parent.mkdir(parents=True, exist_ok=True)
+        write_atomically(self._path, json_bytes(zones_as_json(zones)))
