@@ -50,6 +50,7 @@ def metrics(
         "wall_error_m": math.nan,
         "localization_rmse_m": math.nan,
         "heading_rmse_deg": math.nan,
+        "true_home_m": math.nan,
     }
     if grid.is_occupied.any():
         found["wall_error_m"] = round(wall_error_m(world, start, grid), 4)
@@ -57,6 +58,8 @@ def metrics(
         position, heading = pose_errors(map_from_base, true_map_from_base)
         found["localization_rmse_m"] = round(_rms(position), 4)
         found["localization_max_m"] = round(float(position.max()), 4)
+        end = true_map_from_base[-1]
+        found["true_home_m"] = round(float(np.hypot(end[0], end[1])), 3)
         found["heading_rmse_deg"] = round(float(np.degrees(_rms(heading))), 4)
     return found
 

@@ -97,6 +97,20 @@ class FakeRobot:
     async def scan(self) -> bytes:
         return MAP["png"]
 
+    async def goto(self, x_m: float, y_m: float) -> None:
+        self.calls.append(("goto", x_m, y_m))
+        if x_m > 100.0:
+            raise StateError(f"goto {x_m:g} {y_m:g}: cannot be reached: nobody has been there")
+
+    async def zones(self) -> list[dict[str, Any]]:
+        return [{"name": "stairs", "kind": "no-go", "points": [[1, 2], [3, 2], [3, -4.5]]}]
+
+    async def add_zone(self, zone: dict[str, Any]) -> None:
+        self.calls.append(("add_zone", zone))
+
+    async def remove_zone(self, name: str) -> None:
+        self.calls.append(("remove_zone", name))
+
     async def runs(self) -> list[dict[str, Any]]:
         return [
             {"name": "0001-lab", "state": "complete", "duration_s": 61.4, "scans": 7},

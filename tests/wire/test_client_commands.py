@@ -276,3 +276,36 @@ def test_client_commands_are_light_and_fast(robot: FakeRobot, command: list[str]
         assert (code, heavy) == ("0", [])
         best_s = min(best_s, float(seconds))
     assert best_s < 0.2
+
+
+def test_goto_and_zones_reach_the_robot(
+    robot: FakeRobot, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["goto", "-1.5", "2"]) == 0
+    assert main(["zones", "add", "no-go", "stairs", "-1", "2", "3", "2", "3", "-4.5"]) == 0
+    assert main(["zones", "remove", "stairs"]) == 0
+    zone = {"name": "stairs", "kind": "no-go", "points": [[-1.0, 2.0], [3.0, 2.0], [3.0, -4.5]]}
+    assert robot.calls == [("goto", -1.5, 2.0), ("add_zone", zone), ("remove_zone", "stairs")]
+    assert capsys.readouterr().out == ""
+    assert main(["zones", "list"]) == 0
+    assert capsys.readouterr().out == "no-go  stairs  1,2 3,2 3,-4.5\n"
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        ("goto 200 0", "cannot be reached"),
+        ("zones add no-go a 0 0 1", "x y pairs"),
+        ("zones add no-go a 0 0 1 1", "at least 3"),
+        ("zones add no-go bow 0 0 1 1 1 0 0 1", "crosses itself"),
+        ("zones add no-go flat 0 0 1 1 2 2", "it"),
+        ("zones add wall dot 1 1 1 1", "at least 2"),
+    ],
+)
+def test_what_cannot_be_is_refused_in_one_line(
+    robot: FakeRobot, words: str, says: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(words.split()) == 1
+    lines = capsys.readouterr().err.strip().splitlines()
+    assert len(lines) == 1
+    assert says in lines[0]

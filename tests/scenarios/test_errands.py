@@ -1,0 +1,107 @@
+# SPDX-License-Identifier: MIT
+"""Home before the time is up, goto within a run and after one, zones: on the wire."""
+
+import asyncio
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ins_robot.config import load
+from ins_robot.daemon.commands import DaemonCommands
+from ins_robot.daemon.run_store import RunStore
+from ins_robot.daemon.runtime import Robot
+from ins_robot.errors import InputError, StateError
+from ins_robot.geometry.pose2 import Pose2
+from ins_robot.logs.replay_journal import JournalOptions, replay_journal
+from ins_robot.simulation.harness import SimulatedRobot
+from ins_robot.simulation.virtual_clock import run_virtual
+from ins_robot.simulation.world import World
+
+
+def test_the_time_allowed_is_enough_to_come_home(ins_robot, tmp_path: Path) -> None:
+    out, again = tmp_path / "run", tmp_path / "again"
+    limit = ["--set", "exploration.max_time_s=110"]
+    done = ins_robot("simulate", "rooms", "--seed", 1, "--out", out, "--json", *limit)
+    summary = json.loads(done.stdout)
+    assert summary["state"] == "stopped"
+    assert summary["reason"] == "exploration.max_time_s = 110 s is used up"
+    assert 30.0 < summary["duration_s"] <= 110.0
+    assert summary["true_home_m"] <= 0.15
+    assert {"unexplored"} <= {left["state"] for left in summary["left"]}
+    assert all(left["why"] for left in summary["left"])
+    ins_robot("replay", out / "run.journal", "--out", again)
+    for name in ["map.pgm", "trajectory.tum", "graph.json"]:
+        assert (again / name).read_bytes() == (out / name).read_bytes(), name
+    replayed = json.loads((again / "summary.json").read_text())
+    assert (replayed["left"], replayed["home_m"]) == (summary["left"], summary["home_m"])
+
+
+def test_goto_in_a_run_and_after_it_and_zones(tmp_path: Path) -> None:
+    """One robot's day: forbid a corner, start, send it about, stop, send it home."""
+
+    async def live() -> None:
+        config = load(None)
+        world = World.find("open_room")
+        clock = asyncio.get_running_loop().time
+        start = world.start_pose(None, config.robot.radius_m)
+        simulated = SimulatedRobot(config, world, start, 0, clock())
+        connector = simulated.memory_connector(clock)
+        robot = Robot(config, connector)
+        commands = DaemonCommands(robot, RunStore(tmp_path))
+
+        def true_place() -> Pose2:
+            return start.between(
+                Pose2.from_array(simulated.body.poses_at(np.array([clock()]))[0])
+            )
+
+        async def direct() -> None:
+            async with asyncio.timeout(400.0):
+                await robot.pipeline.complete.wait()
+                with pytest.raises(StateError, match="no map"):
+                    await commands.goto(1.0, 0.0)
+                zone = {"name": "rug", "kind": "no-go", "points": [[9, 9], [10, 9], [9, 10]]}
+                await commands.add_zone(zone)
+                with pytest.raises(InputError, match="already one"):
+                    await commands.add_zone(zone)
+                await commands.start("day")
+                while str(robot.mission.state) != "driving":  # noqa: ASYNC110 - no event
+                    await asyncio.sleep(0.1)
+                with pytest.raises(StateError, match="cannot be reached"):
+                    await commands.goto(60.0, 0.0)
+                await commands.goto(0.6, 0.4)
+                scans = robot.mission.core.scans
+                while robot.mission.core.scans == scans:  # noqa: ASYNC110 - no event
+                    await asyncio.sleep(0.1)
+                assert true_place().distance_m(Pose2(0.6, 0.4)) < 0.15
+                await commands.add_zone(
+                    {"name": "w", "kind": "wall", "points": [[9, 0], [9, 1]]}
+                )
+                await asyncio.sleep(1.0)
+                await commands.stop()
+                with pytest.raises(StateError, match="cannot be reached"):
+                    await commands.goto(60.0, 0.0)
+                await commands.goto(0.0, 0.0)
+                await robot.finished.wait()
+                assert robot.last_goto == "arrived at 0 0"
+                assert true_place().distance_m(Pose2()) < 0.15
+                await commands.remove_zone("rug")
+                with pytest.raises(InputError, match="no zone 'rug'"):
+                    await commands.remove_zone("rug")
+                assert [z["name"] for z in await commands.zones()] == ["w"]
+            robot.supervisor.shut_down("the day is over")
+
+        robot.supervisor.add_task("simulator", lambda: simulated.pump(connector))
+        robot.supervisor.add_task("director", direct)
+        await robot.serve()
+
+    run_virtual(live())
+    run = tmp_path / "0001-day"
+    assert [z["name"] for z in json.loads((run / "zones.json").read_text())] == ["rug", "w"]
+    summary = json.loads((run / "summary.json").read_text())
+    again = replay_journal(run / "run.journal", JournalOptions(), lambda: 0.0)
+    assert again.path_length_m == pytest.approx(summary["path_length_m"], abs=1e-3)
+    assert again.scans == summary["scans"]
+    assert [zone.name for zone in again.zones] == ["rug", "w"]
+    assert json.loads(json.dumps(again.graph)) == json.loads((run / "graph.json").read_text())
