@@ -15,6 +15,16 @@ from ins_robot.logs.run_directory import json_bytes, write_atomically
 from ins_robot.mapping.zones import ZONES_FILE, Zone, zones_as_json, zones_of
 
 
+def read_zones(path: Path) -> tuple[Zone, ...]:
+    """The zones in a file. Raises InputError when it is none of ours."""
+    try:
+        return zones_of(json.loads(path.read_bytes()))
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror}") from None
+    except ValueError as error:
+        raise InputError(f"{path}: {error}") from None
+
+
 class ZoneStore:
     """Zones in `root`/zones.json."""
 
@@ -23,12 +33,7 @@ class ZoneStore:
 
     def load(self) -> tuple[Zone, ...]:
         """All of them. Raises InputError when the file is none of ours."""
-        try:
-            return zones_of(json.loads(self._path.read_bytes()))
-        except FileNotFoundError:
-            return ()
-        except (OSError, ValueError) as error:
-            raise InputError(f"{self._path}: {error}") from None
+        return read_zones(self._path) if self._path.exists() else ()
 
     def with_one_more(self, zone: Zone) -> tuple[Zone, ...]:
         """All of them and this one, not written yet; its name must be new."""

@@ -19,7 +19,7 @@ from ins_robot.navigation.terrain import Terrain
 
 AT_HOME_M = 0.08  # nearer than this is there
 NEAR_M = 0.25  # a place whose own cell is too tight is reached as nearly as this
-HOME_TRIES = 6  # decisions for the way home before the robot stays where it is
+HOME_TRIES = 12  # decisions for the way home before the robot stays where it is
 
 
 def trip(scene: Scene, place_m: FloatArray, heading_rad: float | None) -> PlannedPath | None:

@@ -15,6 +15,7 @@ from ins_robot.errors import InputError
 if TYPE_CHECKING:
     from ins_robot.config import Config
     from ins_robot.geometry.pose2 import Pose2
+    from ins_robot.mapping.zones import Zone
 
 PROGRESS_PERIOD_S = 5.0  # of robot time
 XY, XYDEG = 2, 3
@@ -36,6 +37,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--seed", metavar="N", type=int, help="of all noise (default: slam.seed, which is 0)"
     )
     add_start_argument(parser)
+    parser.add_argument(
+        "--zones",
+        metavar="FILE",
+        type=Path,
+        help="no-go zones and virtual walls, as `zones list --json` prints them",
+    )
     parser.add_argument("--json", action="store_true", help="print summary.json on stdout")
     add_set_argument(parser)
     add_config_argument(parser)
@@ -46,6 +53,7 @@ def run(args: argparse.Namespace) -> int:
     from dataclasses import replace
 
     from ins_robot.daemon.logging_setup import set_up
+    from ins_robot.daemon.zone_store import read_zones
     from ins_robot.logs.run_directory import json_bytes, prepare_directory
     from ins_robot.simulation.virtual_clock import run_virtual
     from ins_robot.simulation.world import World
@@ -56,10 +64,11 @@ def run(args: argparse.Namespace) -> int:
         config = replace(config, slam=replace(config.slam, seed=args.seed))
     world = World.find(args.world)
     start = world.start_pose(parse_start(args.start), config.robot.radius_m)
+    zones = read_zones(args.zones) if args.zones is not None else ()
     prepare_directory(args.out)
     set_up("warning")
     try:
-        summary = run_virtual(_simulate(config, world, start, args.out))
+        summary = run_virtual(_simulate(config, world, start, args.out, zones))
     except KeyboardInterrupt:
         print(f"interrupted; what was mapped so far is in {args.out}", file=sys.stderr)
         raise
@@ -71,7 +80,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 async def _simulate(
-    config: Config, world: Any, start: Pose2, directory: Path
+    config: Config, world: Any, start: Pose2, directory: Path, zones: tuple[Zone, ...]
 ) -> dict[str, Any]:
     import asyncio
 
@@ -86,7 +95,9 @@ async def _simulate(
         config, connector, clock_kind="virtual", annotate=simulated.annotate, draw=png_bytes
     )
     robot.supervisor.add_task("simulator", lambda: simulated.pump(connector))
-    robot.supervisor.add_task("director", lambda: _direct(robot, simulated.person, directory))
+    robot.supervisor.add_task(
+        "director", lambda: _direct(robot, simulated.person, directory, zones)
+    )
     await robot.serve()
     if robot.save_error is not None:
         raise robot.save_error
@@ -94,12 +105,12 @@ async def _simulate(
     return robot.last_summary
 
 
-async def _direct(robot: Any, person: Any, directory: Path) -> None:
+async def _direct(robot: Any, person: Any, directory: Path, zones: tuple[Zone, ...]) -> None:
     """Start one run once all devices are there, and shut down after it."""
     import asyncio
 
     await robot.pipeline.complete.wait()
-    robot.begin(directory, directory.name or "simulated")
+    robot.begin(directory, directory.name or "simulated", zones)
     if robot.is_manual:
         robot.supervisor.add_task("person", lambda: _carry(robot.mission, person))
     is_terminal = sys.stderr.isatty()

@@ -24,7 +24,8 @@ from ins_robot.geometry.pose2 import Pose2
 
 ISSUE_COMMANDS = {
     "daemon", "start", "stop", "pause", "resume", "estop", "clear", "status", "map", "next",
-    "here", "scan", "runs", "check-config", "simulate", "replay", "localize", "emulate",
+    "here", "scan", "goto", "zones", "runs", "check-config", "simulate", "replay",
+    "localize", "emulate",
 }  # fmt: skip
 
 
