@@ -94,11 +94,11 @@ class JournalReplay:
         match mark.kind:
             case "goto":
                 with contextlib.suppress(StateError):  # refused then, refused now
-                    self._decision = self.core.go_to(
+                    self.decision = self.core.go_to(
                         (payload["x_m"], payload["y_m"]), Pose2(*payload["pose"])
                     )
             case "go_home":
-                self._decision = self.core.go_home(payload["why"], Pose2(*payload["pose"]))
+                self.decision = self.core.go_home(payload["why"], Pose2(*payload["pose"]))
             case "zones":
                 self.core.forbid(zones_of(payload["zones"]))
 
