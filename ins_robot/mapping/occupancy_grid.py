@@ -20,7 +20,7 @@ from ins_robot.geometry.angles import FloatArray
 from ins_robot.geometry.pose2 import Pose2
 from ins_robot.mapping.ray_cast import cast_rays
 from ins_robot.mapping.scan_footprint import ScanFootprint, draw_scan
-from ins_robot.mapping.silence import wide_silence_m
+from ins_robot.mapping.silence import Silence, SilenceRules, read_silence
 from ins_robot.mapping.wall_points import NearReadings, wall_points
 from ins_robot.messages import LaserScan
 
@@ -177,38 +177,51 @@ class OccupancyGrid:
         `range_trusted_m` and `map.silent_free_m` bound what silent beams may free. Returns what
         was drawn.
         """
-        silent_free_m = min(range_trusted_m, self._config.silent_free_m)
+        rules = SilenceRules(
+            near_m=min(range_trusted_m, self._config.silent_free_m),
+            trusted_m=range_trusted_m,
+            wide_rad=math.radians(self._config.silent_wide_deg),
+        )
+        silence = read_silence(scan, rules)
         footprint = draw_scan(
             scan,
             map_from_lrf,
             self.resolution_m,
-            silent_free_m,
+            self._silent_free_m(scan, silence, map_from_lrf, range_trusted_m),
+            silence.quiet_m,
             self._config.beam_max_m,
-            self._wide_silence_m(scan, map_from_lrf, range_trusted_m),
         )
         self.add(footprint)
         self._near.add(scan, map_from_lrf)
         return footprint
 
-    def _wide_silence_m(
-        self, scan: LaserScan, map_from_lrf: Pose2, range_trusted_m: float
-    ) -> FloatArray | None:
-        """(B,) free way of wide silence, which ends before what is known to be a wall."""
-        wide_rad = math.radians(self._config.silent_wide_deg)
-        if wide_rad == 0.0:
-            return None
-        wide_m = wide_silence_m(scan, wide_rad, range_trusted_m)
-        if not wide_m.any():
-            return None
-        beams = np.flatnonzero(wide_m)
-        bearings = scan.bearings_rad[beams] + map_from_lrf.heading_rad
-        at = np.array([map_from_lrf.y_m, map_from_lrf.x_m]) / self.resolution_m
-        reach = range_trusted_m / self.resolution_m
-        before = cast_rays(self.is_occupied, (at - self._corner)[None], bearings, reach)
-        wide_m[beams] = np.minimum(
-            wide_m[beams], np.clip(before - 1.0, 0.0, None) * self.resolution_m
-        )
-        return wide_m
+    def _silent_free_m(
+        self, scan: LaserScan, silence: Silence, map_from_lrf: Pose2, reach_m: float
+    ) -> FloatArray:
+        """(B,) free way of silent beams; wide silence ends before known walls."""
+        beams = np.flatnonzero(silence.wide_m)
+        wall_m = np.full(len(silence.wide_m), np.inf)
+        if len(beams):
+            bearings = scan.bearings_rad[beams] + map_from_lrf.heading_rad
+            at = np.array([map_from_lrf.y_m, map_from_lrf.x_m]) / self.resolution_m
+            reach = math.ceil(reach_m / self.resolution_m) + 1
+            corner = np.floor(at).astype(np.int64) - reach
+            is_wall = self._walls_in(corner, 2 * reach + 1)
+            walls = cast_rays(is_wall, (at - corner)[None], bearings, float(reach))
+            wall_m[beams] = walls * self.resolution_m
+        return silence.free_before(wall_m)
+
+    def _walls_in(self, corner: IntArray, size: int) -> BoolArray:
+        """(size, size) bool: what is occupied in a lattice window; nothing beyond the grid."""
+        window = np.zeros((size, size), bool)
+        row, col = (corner - self._corner).tolist()
+        height, width = self.shape
+        rows = slice(max(row, 0), max(min(row + size, height), 0))
+        cols = slice(max(col, 0), max(min(col + size, width), 0))
+        known = self.log_odds[rows, cols] > OCCUPIED_LOG_ODDS
+        top, left = rows.start - row, cols.start - col
+        window[top : top + known.shape[0], left : left + known.shape[1]] = known
+        return window
 
     def add(self, footprint: ScanFootprint) -> None:
         """Add the evidence of a drawn scan, clamped."""

@@ -1,12 +1,8 @@
 # SPDX-License-Identifier: MIT
 """What one scan says about each cell: a scan at a pose in, hits and misses on the lattice out.
 
-Every beam is sampled along its free way, finer than a cell; its end is a hit. A beam without a
-reading frees only what the sensor means by silence: everything where silence means "nothing
-there", else as far as the nearer of the two readings beside its run, and never past a bound:
-walls seen at a grazing angle fall silent too. A narrow run may be a dark leg, which is no
-nearer than it would fill the run. What lies within the bound but beyond the neighbours of a
-wide run is quiet: an open door to a large room, or glass. Weak and far returns weigh less.
+Every beam is sampled along its free way, finer than a cell; its end is a hit. What beams
+without a reading free is told by `silence.py`. Weak and far returns weigh less.
 """
 
 from __future__ import annotations
@@ -23,9 +19,6 @@ from ins_robot.messages import LaserScan
 
 MISS_WEIGHT_MIN = 0.25  # the way of a noisy beam was free all the same
 SAMPLE_SHARE = 0.6  # a beam is looked at this often per cell: only touched corners are skipped
-QUIET_RAD = math.radians(12.0)  # narrower silent runs are lost readings, or a dark leg
-LEG_M = 0.04  # thinner things are not looked for in a silent run
-FULL_TURN_SHARE = 0.97  # bearings that span this share of a turn close on themselves
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -51,29 +44,26 @@ def draw_scan(
     scan: LaserScan,
     map_from_lrf: Pose2,
     resolution_m: float,
-    silent_free_m: float,
+    silent_free_m: FloatArray,
+    quiet_m: FloatArray,
     beam_max_m: float,
-    wide_m: FloatArray | None = None,
 ) -> ScanFootprint:
-    """Rasterise a scan taken at `map_from_lrf`; `wide_m` (B,): the free way of wide silence."""
+    """Rasterise a scan taken at `map_from_lrf`.
+
+    `silent_free_m` (B,) and `quiet_m` (B,) are the ways of silent beams (`silence.Silence`).
+    """
     weights = beam_weights(scan, resolution_m)
     order = np.argsort(weights, kind="stable")  # heavier evidence is written later, and stays
     weights = weights[order]
     bearings = scan.bearings_rad[order] + map_from_lrf.heading_rad
     step_col, step_row = np.cos(bearings) / resolution_m, np.sin(bearings) / resolution_m
     start_col, start_row = map_from_lrf.x_m / resolution_m, map_from_lrf.y_m / resolution_m
-    runs = silent_runs(scan)
-    free_m = free_ranges_m(scan, runs, resolution_m, silent_free_m, beam_max_m)
-    free_m = (free_m if wide_m is None else np.maximum(free_m, wide_m))[order]
+    free_m = free_ranges_m(scan, resolution_m, silent_free_m, beam_max_m)[order]
+    quiet_m = quiet_m[order]
     ranges = scan.ranges_m[order]
     hit = np.nan_to_num(ranges, nan=np.inf) <= beam_max_m
     hit_col = np.floor(start_col + step_col[hit] * ranges[hit]).astype(np.int64)
     hit_row = np.floor(start_row + step_row[hit] * ranges[hit]).astype(np.int64)
-
-    says_nothing = ~scan.is_valid & (runs.width_rad >= QUIET_RAD)
-    if scan.is_free_when_silent:
-        says_nothing[:] = False
-    quiet_m = np.where(says_nothing[order], silent_free_m, 0.0)
     reach = np.maximum(np.maximum(free_m, quiet_m), np.where(hit, ranges, 0.0))
     if not (reach > 0.0).any():
         nothing = np.zeros((0, 0))
@@ -119,66 +109,17 @@ def beam_weights(scan: LaserScan, resolution_m: float) -> FloatArray:
     return weights
 
 
-@dataclass(frozen=True, slots=True)
-class SilentRuns:
-    """The run of silent beams that each beam (B,) belongs to; meaningless for readings.
-
-    `nearer_m` is the nearer of the two readings beside the run, 0 where it has an open end;
-    `width_rad` is the angle between them, infinite where it has.
-    """
-
-    nearer_m: FloatArray
-    width_rad: FloatArray
-
-
 def free_ranges_m(
-    scan: LaserScan,
-    runs: SilentRuns,
-    resolution_m: float,
-    silent_free_m: float,
-    beam_max_m: float,
+    scan: LaserScan, resolution_m: float, silent_free_m: FloatArray, beam_max_m: float
 ) -> FloatArray:
-    """(B,) how far each beam's way is known to be free; 0 where nothing is."""
+    """(B,) how far each beam's way is drawn as free: up to before its end."""
     valid = scan.is_valid
-    ranges = np.where(valid, scan.ranges_m, np.inf)
-    noise = np.where(valid, scan.range_std_m, 0.0)
-    silent = min(scan.range_max_m, beam_max_m)
-    if not scan.is_free_when_silent:
-        reach = np.minimum(runs.nearer_m, min(silent_free_m, silent))
-        # Nearer than this a dark leg would hide more beams than fell silent.
-        no_leg_m = np.where(runs.width_rad < QUIET_RAD, LEG_M / runs.width_rad, np.inf)
-        ranges = np.where(valid, ranges, np.minimum(reach, no_leg_m))
+    noise_m = np.where(valid, np.nan_to_num(scan.range_std_m), 0.0)
     # the last cell before the end, and what noise reaches, stay untouched
-    end = ranges - np.maximum(resolution_m, 2.0 * np.nan_to_num(noise))
-    return np.asarray(np.clip(np.minimum(end, silent), 0.0, None))
-
-
-def silent_runs(scan: LaserScan) -> SilentRuns:
-    """Find the silent runs of a scan; those of a whole turn close on themselves.
-
-    In a scan without readings, the middle of a large hall, there is nothing to be nearer.
-    """
-    valid = scan.is_valid
-    count = len(valid)
-    if not valid.any():
-        return SilentRuns(np.full(count, np.inf), np.full(count, np.inf))
-    order = np.argsort(scan.bearings_rad, kind="stable")
-    bearings = scan.bearings_rad[order]
-    span = (bearings[-1] - bearings[0]) * count / max(count - 1, 1)
-    where = np.flatnonzero(valid[order])
-    after = np.searchsorted(where, np.arange(count))  # index of the next valid beam
-    ranges, bounds = scan.ranges_m[order][where], bearings[where]
-    if span >= FULL_TURN_SHARE * 2.0 * math.pi:
-        turn = 2.0 * math.pi
-        ranges = np.concatenate([ranges[-1:], ranges, ranges[:1]])
-        bounds = np.concatenate([bounds[-1:] - turn, bounds, bounds[:1] + turn])
-    else:
-        ranges = np.concatenate([[0.0], ranges, [0.0]])
-        bounds = np.concatenate([[-np.inf], bounds, [np.inf]])
-    nearer, width = np.empty(count), np.empty(count)
-    nearer[order] = np.minimum(ranges[after], ranges[after + 1])
-    width[order] = bounds[after + 1] - bounds[after]
-    return SilentRuns(nearer, width)
+    end_m = np.where(valid, scan.ranges_m, silent_free_m) - np.maximum(
+        resolution_m, 2.0 * noise_m
+    )
+    return np.asarray(np.clip(end_m, 0.0, min(scan.range_max_m, beam_max_m)))
 
 
 def _along_ways(free_m: FloatArray, step_m: float) -> tuple[FloatArray, NDArray[np.int64]]:

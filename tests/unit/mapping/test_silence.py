@@ -7,11 +7,12 @@ import pytest
 from ins_robot.config import MapConfig
 from ins_robot.geometry.pose2 import Pose2
 from ins_robot.mapping.occupancy_grid import OccupancyGrid
-from ins_robot.mapping.silence import wide_silence_m
+from ins_robot.mapping.silence import SilenceRules, read_silence
 from ins_robot.messages import LaserScan
 
 BEARINGS = np.radians(np.arange(-180.0, 180.0))
-WIDE, TRUSTED_M = np.radians(40.0), 3.0
+NEAR_M, TRUSTED_M = 1.0, 3.0
+RULES = SilenceRules(near_m=NEAR_M, trusted_m=TRUSTED_M, wide_rad=np.radians(40.0))
 
 
 def scan_of(ranges) -> LaserScan:
@@ -34,7 +35,7 @@ def wall_ahead(distance_m: float, up_to_m: float):
 
 
 def test_a_hall_with_one_wall_in_sight_is_free_all_around():
-    free = wide_silence_m(scan_of(wall_ahead(4.0, 6.0)), WIDE, TRUSTED_M)
+    free = read_silence(scan_of(wall_ahead(4.0, 6.0)), RULES).wide_m
     behind = np.abs(BEARINGS) > np.radians(90.0)
     assert (free[behind] == TRUSTED_M).all()
     assert (free[np.isfinite(wall_ahead(4.0, 6.0))] == 0.0).all()
@@ -44,7 +45,7 @@ def test_a_hall_with_one_wall_in_sight_is_free_all_around():
 def test_a_wall_that_falls_silent_at_a_slant_is_not_driven_into(distance_m):
     """It answers up to 2.5 times its distance; beyond, it goes on all the same."""
     scan = scan_of(wall_ahead(distance_m, 2.5 * distance_m))
-    free = wide_silence_m(scan, WIDE, TRUSTED_M)
+    free = read_silence(scan, RULES).wide_m
     ahead = np.cos(BEARINGS) > 1e-6
     true_m = distance_m / np.cos(BEARINGS[ahead])
     assert (free[ahead] < true_m).all()
@@ -56,15 +57,15 @@ def test_glass_between_two_posts_lies_on_their_line():
     ranges = wall_ahead(1.5, 4.0)
     pane = np.abs(BEARINGS) < np.arctan(1.0)
     ranges[pane] = np.nan
-    free = wide_silence_m(scan_of(ranges), WIDE, TRUSTED_M)
+    free = read_silence(scan_of(ranges), RULES).wide_m
     assert (free[pane] < 1.5 / np.cos(BEARINGS[pane])).all()
 
 
 def test_narrow_silence_and_a_scan_without_readings_say_nothing():
     ranges = np.full(360, 2.0)
     ranges[100:130] = np.nan
-    assert not wide_silence_m(scan_of(ranges), WIDE, TRUSTED_M).any()
-    assert not wide_silence_m(scan_of(np.full(360, np.nan)), WIDE, TRUSTED_M).any()
+    assert not read_silence(scan_of(ranges), RULES).wide_m.any()
+    assert not read_silence(scan_of(np.full(360, np.nan)), RULES).wide_m.any()
 
 
 def test_silence_does_not_reach_past_a_wall_on_the_map():
@@ -79,3 +80,13 @@ def test_silence_does_not_reach_past_a_wall_on_the_map():
     known = grid.metres(np.argwhere(before))
     assert (grid.log_odds_at(known) > 0.0).all()
     assert not (grid.log_odds_at(np.array([[2.4, 0.0], [2.8, 0.1]])) < -0.05).any()
+
+
+def test_wide_silence_reaches_beyond_what_the_map_held_before():
+    """Wherever the lattice's blocks begin: the first scan and a later one free the same."""
+    scan = scan_of(wall_ahead(4.0, 6.0))
+    behind = np.array([[-2.7, 0.0], [0.0, 2.7], [-1.9, -1.9]])
+    for place in (Pose2(), Pose2(1.3, -0.7, 0.0), Pose2(20.0, 20.0, 0.0)):
+        grid = OccupancyGrid(0.05, MapConfig())
+        grid.integrate(scan, place, TRUSTED_M)
+        assert (grid.log_odds_at(place.apply(behind)) < -0.05).all()
