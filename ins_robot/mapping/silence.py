@@ -12,7 +12,9 @@ far walls, and at glass, and what they say depends on the run of silent beams th
   shows itself somewhere, seen squarely at its foot, or going on from where readings end beside
   the run. So it is free up to the trusted range, but not up to where the walls beside it would
   go on: those fall silent as they are seen ever more slanted, and glass between two posts lies
-  on the line of the posts. In a scan without readings, maybe a blind sensor, nothing is wide.
+  on the line of the posts.
+
+A scan without any reading may come from a blind sensor, and frees nothing.
 """
 
 from __future__ import annotations
@@ -103,17 +105,13 @@ def read_silence(scan: LaserScan, rules: SilenceRules) -> Silence:
 
 
 def _silent_runs(scan: LaserScan) -> _Runs:
-    """Find the runs; those of a whole turn close on themselves.
-
-    In a scan without readings, the middle of a large hall, there is nothing to be nearer.
-    """
+    """Find the runs; those of a whole turn close on themselves."""
     valid, count = scan.is_valid, len(scan.ranges_m)
     order = np.argsort(scan.bearings_rad, kind="stable")
     bearings = scan.bearings_rad[order]
     span = (bearings[-1] - bearings[0]) * count / max(count - 1, 1)
     is_full = bool(span >= FULL_TURN_SHARE * 2.0 * math.pi and valid.any())
-    last_rad, last_m = bearings[-1], 0.0 if valid.any() else math.inf
-    first_m = last_m
+    last_rad, last_m = bearings[-1], 0.0
     if is_full:  # begin with a reading, and end with it
         shift = int(np.flatnonzero(valid[order])[0])
         order = np.roll(order, -shift)
@@ -123,7 +121,7 @@ def _silent_runs(scan: LaserScan) -> _Runs:
     edges = np.flatnonzero(silent[1:] != silent[:-1])
     first, end = edges[::2], edges[1::2]
     bounds = np.concatenate([bearings[:1], bearings, [last_rad]])
-    ranges = np.concatenate([[first_m], scan.ranges_m[order], [last_m]])
+    ranges = np.concatenate([[0.0], scan.ranges_m[order], [last_m]])
     return _Runs(
         order=order,
         is_full=is_full,

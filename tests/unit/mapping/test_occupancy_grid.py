@@ -134,12 +134,9 @@ def test_cells_outside_are_unknown_and_conversion_round_trips():
     assert not grid.contains(cells)[2]
 
 
-def test_a_scan_without_readings_frees_little_and_shows_no_wall():
-    """The middle of a hall larger than the range, or a blind sensor."""
-    grid = grid_of((scan_of(np.full(360, np.nan)), Pose2()))
-    assert not grid.is_occupied.any()
-    away = np.hypot(*grid.metres(np.argwhere(grid.is_free)).T)
-    assert 0.8 <= away.max() <= MapConfig().silent_free_m + RESOLUTION_M
+def test_empty_scan_changes_nothing():
+    grid = grid_of((scan_of(np.full(90, np.nan)), Pose2()))
+    assert grid.is_unknown.all()
 
 
 def test_a_long_silent_run_is_quiet_ground_but_not_free():

@@ -65,7 +65,9 @@ def test_narrow_silence_and_a_scan_without_readings_say_nothing():
     ranges = np.full(360, 2.0)
     ranges[100:130] = np.nan
     assert not read_silence(scan_of(ranges), RULES).wide_m.any()
-    assert not read_silence(scan_of(np.full(360, np.nan)), RULES).wide_m.any()
+    blind = read_silence(scan_of(np.full(360, np.nan)), RULES)
+    assert not blind.wide_m.any()
+    assert not blind.free_m.any()
 
 
 def test_silence_does_not_reach_past_a_wall_on_the_map():
