@@ -7,9 +7,11 @@ from dataclasses import dataclass
 
 from ins_robot.geometry.pose2 import Pose2
 from ins_robot.messages import PlannedPath
+from ins_robot.navigation.bounds import Bounds
 from ins_robot.navigation.gaps import GapState
-from ins_robot.navigation.leftovers import Leftover
+from ins_robot.navigation.leftovers import Leftover, leftovers
 from ins_robot.navigation.node_graph import NodeGraph
+from ins_robot.navigation.scene import Scene
 
 NO_GAP = -1  # the drive is for no gap: home, an errand, a step back
 
@@ -59,7 +61,20 @@ class Finished:
     is_complete: bool = True
 
 
-def left_gaps(graph: NodeGraph) -> tuple[LeftGap, ...]:
+def finished(
+    scene: Scene, graph: NodeGraph, bounds: Bounds, why: str, *, is_complete: bool
+) -> Finished:
+    """The end of a run, with all that is left."""
+    unfinished = None if is_complete else why
+    return Finished(
+        reason=why,
+        left=_left_gaps(graph),
+        unseen=leftovers(scene, graph, bounds, unfinished=unfinished),
+        is_complete=is_complete,
+    )
+
+
+def _left_gaps(graph: NodeGraph) -> tuple[LeftGap, ...]:
     """All gaps that are not explored."""
     return tuple(
         LeftGap(

@@ -9,7 +9,7 @@ Scan, pose and map in; `Drive` or `Finished` out. Pure: same calls, same answers
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -23,12 +23,11 @@ from ins_robot.mapping.occupancy_grid import OccupancyGrid
 from ins_robot.mapping.zones import Zone
 from ins_robot.messages import LaserScan, PlannedPath
 from ins_robot.navigation.bounds import Bounds
-from ins_robot.navigation.decisions import NO_GAP, Drive, Finished, LeftGap, left_gaps
+from ins_robot.navigation.decisions import NO_GAP, Drive, Finished, LeftGap, finished
 from ins_robot.navigation.driven_ways import DrivenWays
 from ins_robot.navigation.gap_ledger import FAILURES_MAX, GapLedger
 from ins_robot.navigation.gaps import Gap, GapRules, GapState, find_gaps
 from ins_robot.navigation.guard import Guard, NoGuard, SeenGuard
-from ins_robot.navigation.leftovers import leftovers
 from ins_robot.navigation.neighbours import identify_neighbours
 from ins_robot.navigation.node_graph import Node, NodeGraph
 from ins_robot.navigation.planner import plan_through
@@ -39,8 +38,9 @@ from ins_robot.navigation.scene import Scene, look_around
 from ins_robot.navigation.second_chances import SecondChances
 from ins_robot.navigation.strategies import Candidate, Situation, make_strategy
 from ins_robot.navigation.terrain import BodyRules
-from ins_robot.navigation.trips import HOME_TRIES, is_at, trip, way_m
+from ins_robot.navigation.trips import trip, way_m
 from ins_robot.navigation.unseen import BarrenEdges
+from ins_robot.navigation.way_home import WayHome
 
 __all__ = ["Drive", "Explorer", "Finished", "LeftGap"]
 
@@ -94,8 +94,7 @@ class Explorer:
         self._chances = SecondChances(self.graph, self._barren)
         self._progress = Progress()
         self._errand_m: FloatArray | None = None
-        self._ending: Finished | None = None
-        self._home_tries = 0
+        self._home = WayHome(self.graph, self.bounds, is_wanted=config.return_home)
 
     def observe(
         self,
@@ -150,15 +149,12 @@ class Explorer:
             raise StateError("explorer: decide() before the first scan; call observe() first")
         scene = self._stand_and_look(pose, grid)
         if self._errand_m is not None:
-            drive = self._trip(scene, self._errand_m, None, "goto")
+            drive = self._trip(scene, self._errand_m, "goto")
             if drive is not None:
                 return drive
             self._errand_m = None  # the map has closed the way meanwhile
-        if self._ending is not None:
-            at_home = is_at(pose, self.graph.nodes[0].pose)
-            if not (at_home and self._ending.is_complete):
-                return self._home_or(scene, self._ending)
-            self._ending = None  # one more look at everything from home
+        if self._home.ending is not None and not self._home.looks_again(pose):
+            return self._end(scene, self._home.ending)
         return self._explore_on(scene)
 
     def send_to(self, place_m: FloatArray, pose: Pose2, grid: OccupancyGrid) -> Drive:
@@ -170,7 +166,7 @@ class Explorer:
             When no known way leads there; nothing has changed then.
         """
         scene = self._look_around(pose, grid)
-        drive = self._trip(scene, place_m, None, "goto")
+        drive = self._trip(scene, place_m, "goto")
         if drive is None:
             _, why = Reach(scene, self.bounds, self.graph.nodes[0].pose).why_not(place_m)
             raise StateError(f"goto {place_m[0]:g} {place_m[1]:g}: cannot be reached: {why}")
@@ -181,7 +177,8 @@ class Explorer:
         """Explore no more; home, if that is wanted, else finished: `why`."""
         scene = self._stand_and_look(pose, grid)
         self._errand_m = None
-        return self._home_or(scene, self._ending or self._finished(scene, why, False))
+        self._home.is_final = True
+        return self._end(scene, self._home.ending or self._finished(scene, why, False))
 
     def forbid(self, zones: tuple[Zone, ...]) -> None:
         """No-go zones and virtual walls from the next decision on."""
@@ -196,12 +193,9 @@ class Explorer:
 
     def _explore_on(self, scene: Scene) -> Drive | Finished:
         """The next gap; none left: what was given up once more, then the end."""
-        if len(self.graph) >= self._config.max_scans:
-            why = f"max_scans = {self._config.max_scans} reached"
-            return self._home_or(scene, self._finished(scene, why, False))
-        if self._blind_scans >= BLIND_SCANS:
-            why = f"{BLIND_SCANS} scans in a row without a reading: is the LRF covered?"
-            return self._home_or(scene, self._finished(scene, why, False))
+        why = self._limit_reached()
+        if why is not None:
+            return self._end(scene, self._finished(scene, why, False))
         if self._progress.is_stalled(
             float(np.count_nonzero(~scene.grid.is_unknown)) * scene.grid.resolution_m**2
         ):
@@ -221,48 +215,37 @@ class Explorer:
             self._ledger.update(scene)
         back = self._chances.step_back(scene.terrain)
         if back is not None:
-            drive = self._trip(
-                scene, back.position_m, None, "for another look at what was given up"
-            )
+            again = "for another look at what was given up"
+            drive = self._trip(scene, back.position_m, again)
             if drive is not None:
                 return drive
-        return self._home_or(scene, self._finished(scene, "no reachable gap is left", True))
+        return self._end(scene, self._finished(scene, "no reachable gap is left", True))
+
+    def _limit_reached(self) -> str | None:
+        if len(self.graph) >= self._config.max_scans:
+            return f"max_scans = {self._config.max_scans} reached"
+        if self._blind_scans >= BLIND_SCANS:
+            return f"{BLIND_SCANS} scans in a row without a reading: is the LRF covered?"
+        return None
 
     def _finished(self, scene: Scene, why: str, is_complete: bool) -> Finished:
         if not scene.grid.is_free.any():
             why, is_complete = "the LRF shows no free ground here: is it covered?", False
-        return Finished(
-            reason=why,
-            left=left_gaps(self.graph),
-            unseen=leftovers(
-                scene, self.graph, self.bounds, unfinished=None if is_complete else why
-            ),
-            is_complete=is_complete,
-        )
+        return finished(scene, self.graph, self.bounds, why, is_complete=is_complete)
 
-    def _home_or(self, scene: Scene, ending: Finished) -> Drive | Finished:
-        """The way home before the end; tried a few times."""
-        self._ending = ending
-        home = self.graph.nodes[0].pose
-        if not self._config.return_home or is_at(scene.pose, home):
-            return ending
-        self._home_tries += 1
-        if self._home_tries > HOME_TRIES:
-            return replace(ending, reason=f"{ending.reason}; home was not reached")
-        place_m = self.graph.nodes[0].position_m
-        drive = self._trip(scene, place_m, home.heading_rad, f"home, for {ending.reason}")
-        if drive is None:
-            _, why = Reach(scene, self.bounds, home).why_not(place_m)
-            return replace(ending, reason=f"{ending.reason}; home is out of reach: {why}")
-        return drive
+    def _end(self, scene: Scene, ending: Finished) -> Drive | Finished:
+        """The way home before the end."""
+        step = self._home.step(scene, ending)
+        if isinstance(step, Finished):
+            return step
+        return self._set_out(scene, step, f"home, for {ending.reason}")
 
-    def _trip(
-        self, scene: Scene, place_m: FloatArray, heading_rad: float | None, why: str
-    ) -> Drive | None:
+    def _trip(self, scene: Scene, place_m: FloatArray, why: str) -> Drive | None:
         """A drive that is for no gap."""
-        path = trip(scene, place_m, heading_rad)
-        if path is None:
-            return None
+        path = trip(scene, place_m, None)
+        return None if path is None else self._set_out(scene, path, why)
+
+    def _set_out(self, scene: Scene, path: PlannedPath, why: str) -> Drive:
         node = self.graph.nodes[-1]
         reason = f"{why}: {path.length_m:.1f} m to drive"
         drive = self._drive(scene, path, node, NO_GAP, reason)

@@ -11,7 +11,6 @@ import math
 import numpy as np
 
 from ins_robot.geometry.angles import FloatArray
-from ins_robot.geometry.pose2 import Pose2
 from ins_robot.messages import PlannedPath
 from ins_robot.navigation.planner import way_points_m, with_headings
 from ins_robot.navigation.scene import Scene
@@ -19,7 +18,6 @@ from ins_robot.navigation.terrain import Terrain
 
 AT_HOME_M = 0.08  # nearer than this is there
 NEAR_M = 0.25  # a place whose own cell is too tight is reached as nearly as this
-HOME_TRIES = 12  # decisions for the way home before the robot stays where it is
 
 
 def trip(scene: Scene, place_m: FloatArray, heading_rad: float | None) -> PlannedPath | None:
@@ -46,11 +44,6 @@ def way_m(terrain: Terrain, place_m: FloatArray) -> float | None:
         return None
     points, _ = terrain.places_m(terrain.way_to(cell))
     return float(np.hypot(*np.diff(points, axis=0).T).sum())
-
-
-def is_at(pose: Pose2, place: Pose2) -> bool:
-    """Whether the robot is there, whatever it faces."""
-    return pose.distance_m(place) <= AT_HOME_M
 
 
 def _cell_near(terrain: Terrain, place_m: FloatArray) -> tuple[int, int] | None:

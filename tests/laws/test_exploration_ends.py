@@ -13,6 +13,7 @@ from exploring import RADIUS_M, Config, configured, explore, plan
 from ins_robot.geometry.pose2 import Pose2
 from ins_robot.navigation.decisions import NO_GAP
 from ins_robot.navigation.explorer import Drive, Explorer, Finished
+from ins_robot.navigation.way_home import WayHome
 from ins_robot.simulation.truth import coverage
 from ins_robot.simulation.visibility import visible_cells
 from ins_robot.simulation.world import World
@@ -202,6 +203,31 @@ def test_the_robot_comes_home_and_faces_as_it_did():
     assert run.decision.is_complete
     assert run.robot.pose.distance_m(Pose2()) <= 0.05
     assert abs(run.robot.pose.heading_rad) < 0.05
+
+
+def test_a_home_that_has_become_too_tight_is_not_tried_again_and_again():
+    """Something was put down beside it meanwhile: the robot stops as near as it gets."""
+    start = Pose2(1.5, 2.5, 0.0)
+    beside = with_box(TWO_ROOMS, 1.2, 2.35, 1.4, 2.65)  # 0.1 m from where the centre was
+
+    def put_down(story):
+        return beside if (story.robot.start @ story.robot.pose).x_m > 4.0 else None
+
+    story = tell(TWO_ROOMS, start, change=put_down)
+    assert "home was not reached: something stands too near" in story.decision.reason
+    assert story.robot.contacts == 0
+    assert 0.08 < story.robot.pose.distance_m(Pose2()) < 0.3
+    assert sum(drive.reason.startswith("home") for drive in story.drives) <= 3
+
+
+def test_home_with_all_explored_looks_again_but_not_when_its_time_is_up():
+    run = explore(TWO_ROOMS, 1.5, 2.2)
+    explorer = run.explorer
+    for is_final in (False, True):
+        way = WayHome(explorer.graph, explorer.bounds, is_wanted=True)
+        way.ending, way.is_final = run.decision, is_final
+        assert not way.looks_again(Pose2(1.0, 0.0, 0.0))
+        assert way.looks_again(Pose2()) is not is_final
 
 
 def test_it_stays_where_it_is_when_told_so():
