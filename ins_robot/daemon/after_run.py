@@ -60,6 +60,7 @@ class AfterRun(Mission):
     async def _explore(self) -> None:
         where = f"{self.place_m[0]:g} {self.place_m[1]:g}"
         for _ in range(TRIES):
+            self._orders.zones_changed = False  # the way is looked for on what is allowed now
             drive = await self._in_worker(self.core.go_to, self.place_m, self.core.pose)
             outcome = await self._drive(drive)
             await self._until_standing()

@@ -173,8 +173,7 @@ class DaemonCommands:
 
     async def _forbid(self, zones: tuple[Zone, ...]) -> None:
         self._zones.save(zones)
-        if self._robot.mission is not None:
-            await self._robot.mission.forbid(zones)
+        await self._robot.forbid(zones)
 
     async def runs(self) -> list[dict[str, Any]]:
         """All recorded runs."""

@@ -16,6 +16,7 @@ from concurrent.futures import Executor
 from ins_robot.config import Config
 from ins_robot.core.carried_core import CarriedCore
 from ins_robot.core.survey import Decision
+from ins_robot.daemon.orders import answer
 from ins_robot.daemon.run_under_way import MissionState, RunUnderWay
 from ins_robot.daemon.scan_taking import ScannerPower
 from ins_robot.errors import DeviceError, StateError
@@ -87,11 +88,11 @@ class ManualMission(RunUnderWay):
                 await work()
             except (StateError, DeviceError) as error:
                 log.warning("%s: %s", self.name, error)
-                _answer(done, error)
+                answer(done, error)
             else:
-                _answer(done, None)
+                answer(done, None)
             finally:
-                _answer(done, StateError(f"the run has ended: {self.reason or 'see the log'}"))
+                answer(done, StateError(f"the run has ended: {self.reason or 'see the log'}"))
 
     async def _scan_here(self) -> None:
         place = Pose2() if self.goal is None else self.goal.place
@@ -138,13 +139,3 @@ class ManualMission(RunUnderWay):
             path=self._retreat.next_leg(), node_id=node.id, gap_id=NO_GAP, reason=why
         )
         return why
-
-
-def _answer(done: asyncio.Future[None], error: Exception | None) -> None:
-    """Once; who asked may have gone."""
-    if done.done():
-        return
-    if error is None:
-        done.set_result(None)
-    else:
-        done.set_exception(error)

@@ -15,7 +15,7 @@ from ins_robot.control.path_follower import Following
 from ins_robot.core.budget import Budget
 from ins_robot.core.run_core import RunCore, ScanJob, ScanOutcome
 from ins_robot.core.survey import Decision
-from ins_robot.daemon.orders import Orders, Place
+from ins_robot.daemon.orders import Orders, Place, answer
 from ins_robot.daemon.pilot import Pilot
 from ins_robot.daemon.run_under_way import MissionState, RunUnderWay
 from ins_robot.daemon.scan_taking import ScannerPower
@@ -95,18 +95,30 @@ class Mission(RunUnderWay):
             decision = await self._replan()
         taken = self._orders.take_place()
         if taken is not None:
-            place_m, told = taken
-            pose = self._mark_here("goto", x_m=place_m[0], y_m=place_m[1])
-            try:
-                decision = await self._in_worker(self.core.go_to, place_m, pose)
-                told.set_result(None)
-            except StateError as error:
-                told.set_exception(error)
+            decision = await self._send_to(*taken, decision)
         if isinstance(decision, Drive) and (why := self._why_home(decision)) is not None:
             self._is_going_home = True
             pose = self._mark_here("go_home", why=why)
             decision = await self._in_worker(self.core.go_home, why, pose)
         return decision
+
+    async def _send_to(
+        self, place_m: Place, told: asyncio.Future[None], otherwise: Decision
+    ) -> Decision:
+        """To a place, if a way leads there and what is left of the budget does too."""
+        pose = self._mark_here("goto", x_m=place_m[0], y_m=place_m[1])
+        try:
+            drive = await self._in_worker(self.core.go_to, place_m, pose)
+        except StateError as error:
+            answer(told, error)
+            return otherwise
+        why = self._why_home(drive)
+        if why is None:
+            answer(told, None)
+            return drive
+        answer(told, StateError(f"goto: too far: on the way home {why}"))
+        pose = self._mark_here("give_up", why=why)
+        return await self._in_worker(self.core.give_up, drive, why, pose)
 
     def _mark_here(self, kind: str, **payload: Any) -> Pose2:
         """A mark with the pose it happened at, which is returned."""
@@ -118,7 +130,7 @@ class Mission(RunUnderWay):
         """Why exploring must end now, `driven_m` after the robot set out for the goal."""
         if self._is_going_home:
             return None
-        way_m = driven_m + (goal.home_m or goal.path.length_m)
+        way_m = driven_m + (goal.path.length_m if goal.home_m is None else goal.home_m)
         if not driven_m:  # about to set out: there, and in the worst case back the same way
             way_m += 2.0 * goal.path.length_m
         core = self.core
@@ -276,6 +288,10 @@ class Mission(RunUnderWay):
 
     async def go_to(self, place_m: Place) -> None:
         """Drive to a place (x, y) of the map, scan there, and go on exploring."""
+        if self.state.is_over:
+            raise StateError("goto: the run has ended and is being saved; ask again")
+        if self._is_going_home:
+            raise StateError("goto: time, way or battery are used up; ask again at home")
         if self.is_paused:
             raise StateError("goto: the run is paused: `ins-robot resume` first")
         await self._orders.go_to(place_m)

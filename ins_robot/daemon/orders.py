@@ -38,5 +38,15 @@ class Orders:
     def refuse(self, why: str) -> None:
         """Nothing will be taken up any more."""
         taken = self.take_place()
-        if taken is not None and not taken[1].done():
-            taken[1].set_exception(StateError(why))
+        if taken is not None:
+            answer(taken[1], StateError(why))
+
+
+def answer(done: asyncio.Future[None], error: Exception | None) -> None:
+    """Tell who asked, once; they may have gone."""
+    if done.done():
+        return
+    if error is None:
+        done.set_result(None)
+    else:
+        done.set_exception(error)

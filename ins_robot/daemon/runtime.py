@@ -198,6 +198,12 @@ class Robot:
         self._after = AfterRun("goto", self.config, core, self.pilot, scanner, worker)
         self.pipeline.mission = self._after
 
+    async def forbid(self, zones: tuple[Zone, ...]) -> None:
+        """No-go zones and virtual walls, in the run under way or on the map after one."""
+        on_map = self.mission or self._after
+        if on_map is not None:
+            await on_map.forbid(zones)
+
     async def go_to(self, place_m: Place) -> None:
         """Drive to a place of the map; returns when the robot sets out.
 

@@ -86,6 +86,16 @@ def test_goto_in_a_run_and_after_it_and_zones(tmp_path: Path) -> None:
                 await robot.finished.wait()
                 assert robot.last_goto == "arrived at 0 0"
                 assert true_place().distance_m(Pose2()) < 0.15
+                far = {"name": "far", "kind": "no-go", "points": [[0.4, 0], [2, 1], [2, -1]]}
+                await commands.add_zone(far)  # after the run, on its map
+                with pytest.raises(StateError, match="no-go zone 'far'"):
+                    await commands.goto(1.0, 0.0)
+                await commands.remove_zone("far")
+                await commands.goto(0.6, 0.4)
+                await commands.add_zone({**far, "points": [[8, 8], [9, 8], [8, 9]]})
+                await robot.finished.wait()
+                assert robot.last_goto == "arrived at 0.6 0.4"
+                await commands.remove_zone("far")
                 await commands.remove_zone("rug")
                 with pytest.raises(InputError, match="no zone 'rug'"):
                     await commands.remove_zone("rug")
@@ -104,4 +114,42 @@ def test_goto_in_a_run_and_after_it_and_zones(tmp_path: Path) -> None:
     assert again.path_length_m == pytest.approx(summary["path_length_m"], abs=1e-3)
     assert again.scans == summary["scans"]
     assert [zone.name for zone in again.zones] == ["rug", "w"]
+    assert json.loads(json.dumps(again.graph)) == json.loads((run / "graph.json").read_text())
+
+
+def test_a_place_too_far_for_the_budget_is_refused_and_exploring_goes_on(tmp_path: Path):
+    async def live() -> None:
+        config = load(None, ["exploration.max_distance_m=5.9"])
+        world = World.find("open_room")
+        clock = asyncio.get_running_loop().time
+        start = world.start_pose(None, config.robot.radius_m)
+        simulated = SimulatedRobot(config, world, start, 0, clock())
+        connector = simulated.memory_connector(clock)
+        robot = Robot(config, connector)
+        commands = DaemonCommands(robot, RunStore(tmp_path))
+
+        async def direct() -> None:
+            async with asyncio.timeout(400.0):
+                await robot.pipeline.complete.wait()
+                await commands.start("short")
+                while str(robot.mission.state) != "driving":  # noqa: ASYNC110 - no event
+                    await asyncio.sleep(0.1)
+                with pytest.raises(StateError, match="too far: on the way home"):
+                    await commands.goto(2.6, 0.45)
+                await robot.finished.wait()
+            robot.supervisor.shut_down("the day is over")
+
+        robot.supervisor.add_task("simulator", lambda: simulated.pump(connector))
+        robot.supervisor.add_task("director", direct)
+        await robot.serve()
+
+    run_virtual(live())
+    run = tmp_path / "0001-short"
+    summary = json.loads((run / "summary.json").read_text())
+    assert summary["reason"] == "exploration.max_distance_m = 5.9 m is used up"
+    assert summary["scans"] >= 2
+    assert summary["path_length_m"] <= 5.9
+    assert summary["home_m"] <= 0.15
+    again = replay_journal(run / "run.journal", JournalOptions(), lambda: 0.0)
+    assert again.scans == summary["scans"]
     assert json.loads(json.dumps(again.graph)) == json.loads((run / "graph.json").read_text())
