@@ -226,7 +226,7 @@ class Slam:
             return
         thinned = surfels.spread_out(SURFEL_SPACING_M, SCAN_SURFELS_MAX)
         is_turned = self._config.wall_directions and self._directions.see(
-            self._nodes.graph, node, thinned
+            self._nodes.graph, node, thinned, self._travelled_m
         )
         is_closed = self._close_loops(node, thinned)
         if not (is_turned or is_closed):

@@ -30,7 +30,8 @@ SHARE_MIN = 0.4  # of what is flat: in a round room the best direction means not
 OWN_SPREAD = 0.75  # of a surfel's tilt: so much walls spread; what spreads more is a mixture
 VOTERS = 6.0  # neighbouring surfels share their readings, and tell as much as one
 STD_MAX_RAD = math.radians(0.6)  # scans among themselves know better than a vague direction
-BUILT_STD_RAD = math.radians(0.3)  # as true as walls are built
+BUILT_STD_RAD = math.radians(0.4)  # as true as walls are built
+SAME_WALLS_M = 2.0  # after less than this the same walls are seen, and err the same way
 SAME_RAD = math.radians(4.0)
 APART_RAD = math.radians(10.0)  # nearer to a known direction a new one is not believed
 OFF_STDS = 1.0  # a node that far off its direction is worth relaxing the graph for
@@ -75,14 +76,20 @@ def wall_direction(surfels: Surfels) -> WallDirection | None:
 class WallDirections:
     """The directions of a building so far, as a graph of nodes holds them."""
 
-    def see(self, graph: PoseGraph, node: int, surfels: Surfels) -> bool:
+    def __init__(self) -> None:
+        self._looked_at_m = -math.inf
+
+    def see(self, graph: PoseGraph, node: int, surfels: Surfels, travelled_m: float) -> bool:
         """Tie a node to its direction; whether it is off by enough to relax the graph.
 
-        `surfels` are those of its scan, base frame.
+        `surfels` are those of its scan, base frame; `travelled_m` is the way driven so far.
         """
+        if travelled_m - self._looked_at_m < SAME_WALLS_M:
+            return False
         seen = wall_direction(surfels)
         if seen is None:
             return False
+        self._looked_at_m = travelled_m
         at_rad = float(graph.poses[node, 2]) + seen.heading_rad
         std_rad = math.hypot(seen.std_rad, BUILT_STD_RAD)
         off = wrap_quarter_rad(at_rad - graph.directions_rad)
