@@ -33,6 +33,7 @@ VARIANTS: dict[str, tuple[str, ...]] = {
     "continuous": ("lrf.power=continuous",),
 }
 """The first is the default configuration: the paper's choices."""
+COMMON = ("exploration.return_home=false",)  # the paper's run ends where the last gap was
 STRATEGIES = ("min-gap", "max-gap")
 RESAMPLES = 4000
 
@@ -82,7 +83,7 @@ class Campaign:
         The run's own figure is wall time, which other work on the machine lengthens.
         """
         directory = self._out / "campaign" / variant.replace(" ", "_")
-        arguments = Namespace(out=directory, overrides=VARIANTS[variant])
+        arguments = Namespace(out=directory, overrides=[*COMMON, *VARIANTS[variant]])
         row = run(Job(f"{world}-{seed}", world, None, seed), arguments)
         journal = directory / f"{world}-{seed}" / "run.journal"
         if variant in STRATEGIES and journal.exists():
