@@ -13,26 +13,27 @@ from numpy.typing import NDArray
 
 from ins_robot.config import ExplorationConfig
 from ins_robot.geometry.angles import FloatArray
-from ins_robot.geometry.polygon import contains, distance_m, outline_m
+from ins_robot.geometry.polygon import contains
 from ins_robot.geometry.pose2 import Pose2
 from ins_robot.mapping.occupancy_grid import OccupancyGrid
 from ins_robot.mapping.zones import Zone, ZoneKind
 from ins_robot.navigation.gaps import GapState
+from ins_robot.navigation.limit_lines import LimitLine
+from ins_robot.navigation.room_map import RoomMap
 
 BoolArray = NDArray[np.bool_]
 ESCAPE_M = 0.3  # a robot standing on forbidden ground may cross so much more of it to get off
-FENCE_STEP_M = 0.02  # spacing of the points that stand for a line
 
 
 class Bounds:
-    """The limits of one run; zones may change."""
+    """The limits of one run; zones may change. The centre keeps `keep_m` from their lines."""
 
-    def __init__(self, config: ExplorationConfig, zones: tuple[Zone, ...] = ()) -> None:
-        self._config = config
+    def __init__(
+        self, config: ExplorationConfig, keep_m: float, zones: tuple[Zone, ...] = ()
+    ) -> None:
+        self._config, self._keep_m = config, keep_m
         self._radius_m = config.max_radius_m
         self._boundary = None if config.boundary is None else np.array(config.boundary)
-        self._zones: tuple[Zone, ...] = ()
-        self._room: tuple[tuple[object, ...], FloatArray] | None = None
         self.zones = zones
 
     @property
@@ -42,16 +43,20 @@ class Bounds:
 
     @zones.setter
     def zones(self, zones: tuple[Zone, ...]) -> None:
-        self._zones, self._room = zones, None
+        self._zones = zones
+        self._lines = [LimitLine.of_zone(zone) for zone in zones]
+        if self._config.boundary is not None:
+            self._lines.append(LimitLine.around(self._config.boundary))
+        self._room = RoomMap(self._lines, self._keep_m)
 
     @property
     def are_open(self) -> bool:
         """Nothing is forbidden."""
-        return self._radius_m <= 0.0 and self._boundary is None and not self._zones
+        return self._radius_m <= 0.0 and not self._lines
 
     def without_zones(self) -> Bounds:
         """The same without no-go zones and virtual walls."""
-        return Bounds(self._config)
+        return Bounds(self._config, self._keep_m)
 
     def refusal(self, start: Pose2, point_m: FloatArray) -> tuple[GapState, str] | None:
         """Why a point (2,) is none of the robot's business; None: it is."""
@@ -70,79 +75,51 @@ class Bounds:
         """(H, W) bool: cells worth exploring; None: everywhere."""
         if self.are_open:
             return None
-        return self._room_m(start, grid, 0.0) >= 0.0
+        return self._is_near(start, grid, self._room.on(grid) >= 0.0)
 
     def drivable_cells(
-        self, start: Pose2, grid: OccupancyGrid, pose: Pose2, keep_m: float
+        self, start: Pose2, grid: OccupancyGrid, pose: Pose2
     ) -> BoolArray | None:
         """(H, W) bool: cells where the centre of a robot now at `pose` may be; None: all.
 
-        `keep_m` is what the centre keeps from lines. A robot that stands where it must not may
-        leave by ground that is no deeper in.
+        A robot that stands where it must not may leave by ground that is no deeper in.
         """
         if self.are_open:
             return None
-        room = self._room_m(start, grid, keep_m)
-        ok = room >= keep_m
+        ok = self._is_near(start, grid, self._room.on(grid) >= self._keep_m)
         row, col = (int(v) for v in grid.cells(np.array([pose.x_m, pose.y_m])))
         height, width = ok.shape
         if 0 <= row < height and 0 <= col < width and not ok[row, col]:
-            lack_m = keep_m - float(room[row, col]) + ESCAPE_M
+            room = self._room_m(start, grid)
+            lack_m = self._keep_m - float(room[row, col]) + ESCAPE_M
             rows, cols = np.ogrid[:height, :width]
             near = np.hypot(rows - row, cols - col) * grid.resolution_m <= lack_m
             ok |= near & (room >= room[row, col] - 0.5 * grid.resolution_m)
-        return np.asarray(ok)
+        return ok
 
     def fence_m(self) -> FloatArray:
         """(N, 2) points along all lines, for those who know obstacles as points."""
-        lines = [np.array(zone.points_m) for zone in self._zones if zone.kind is ZoneKind.WALL]
-        lines += [
-            outline_m(np.array(zone.points_m))
-            for zone in self._zones
-            if zone.kind is ZoneKind.NO_GO
-        ]
-        if self._boundary is not None:
-            lines.append(outline_m(self._boundary))
-        return np.concatenate([np.zeros((0, 2)), *map(_points_along, lines)])
+        return np.concatenate([np.zeros((0, 2)), *(line.fence_m() for line in self._lines)])
 
-    def _room_m(self, start: Pose2, grid: OccupancyGrid, keep_m: float) -> FloatArray:
+    def _is_near(self, start: Pose2, grid: OccupancyGrid, cells: BoolArray) -> BoolArray:
+        """(H, W) bool: of cells, those within the radius."""
+        if self._radius_m <= 0.0:
+            return cells
+        x, y = _from_start_m(start, grid)
+        return np.asarray(cells & (x**2 + y**2 <= self._radius_m**2))
+
+    def _room_m(self, start: Pose2, grid: OccupancyGrid) -> FloatArray:
         """(H, W) from cells to the nearest limit, negative beyond; `keep_m` off the radius."""
-        room = self._line_room_m(grid)
+        room = self._room.on(grid)
         if self._radius_m <= 0.0:
             return room
-        low, high = grid.metres(np.array([[0, 0], [grid.shape[0] - 1, grid.shape[1] - 1]]))
-        x = np.linspace(low[0], high[0], grid.shape[1]) - start.x_m
-        y = np.linspace(low[1], high[1], grid.shape[0]) - start.y_m
-        return np.minimum(room, self._radius_m - np.hypot(x[None, :], y[:, None]) + keep_m)
-
-    def _line_room_m(self, grid: OccupancyGrid) -> FloatArray:
-        """(H, W) from cells to the nearest forbidden line, negative beyond; kept."""
-        key = (grid.origin_m, grid.shape, grid.resolution_m)
-        if self._room is None or self._room[0] != key:
-            room = np.full(grid.shape, np.inf)
-            if self._boundary is not None or self._zones:
-                cells = np.argwhere(np.ones(grid.shape, bool))
-                room = self._room_of(grid.metres(cells)).reshape(grid.shape)
-            self._room = (key, room)
-        return self._room[1]
-
-    def _room_of(self, points_m: FloatArray) -> FloatArray:
-        room = np.full(len(points_m), np.inf)
-        if self._boundary is not None:
-            edge = distance_m(outline_m(self._boundary), points_m)
-            room = np.where(contains(self._boundary, points_m), edge, -edge)
-        for zone in self._zones:
-            line = np.array(zone.points_m)
-            if zone.kind is ZoneKind.NO_GO:
-                edge = distance_m(outline_m(line), points_m)
-                room = np.minimum(room, np.where(contains(line, points_m), -edge, edge))
-            else:
-                room = np.minimum(room, distance_m(line, points_m))
-        return room
+        x, y = _from_start_m(start, grid)
+        return np.minimum(room, self._radius_m + self._keep_m - np.hypot(x, y))
 
 
-def _points_along(line_m: FloatArray) -> FloatArray:
-    steps = np.hypot(*np.diff(line_m, axis=0).T)
-    along = np.concatenate([[0.0], np.cumsum(steps)])
-    at = np.arange(0.0, along[-1] + FENCE_STEP_M, FENCE_STEP_M)
-    return np.column_stack([np.interp(at, along, line_m[:, k]) for k in (0, 1)])
+def _from_start_m(start: Pose2, grid: OccupancyGrid) -> tuple[FloatArray, FloatArray]:
+    """Metres from the start to cells: x (1, W) and y (H, 1)."""
+    height, width = grid.shape
+    x = grid.metres(np.stack([np.zeros(width, np.int64), np.arange(width)], axis=-1))[:, 0]
+    y = grid.metres(np.stack([np.arange(height), np.zeros(height, np.int64)], axis=-1))[:, 1]
+    return x[None] - start.x_m, y[:, None] - start.y_m

@@ -74,7 +74,7 @@ class Explorer:
             range_trusted_m=lrf.range_trusted_m,
             robot_width_m=2.0 * robot.radius_m,
         )
-        self.bounds = Bounds(config)
+        self.bounds = Bounds(config, self._body.keep_m)
         self._strategy = make_strategy(config.strategy)
         guard: Guard = SeenGuard() if config.visibility_guard else NoGuard()
         self._barren = BarrenEdges()
@@ -299,7 +299,7 @@ class Explorer:
             grid,
             pose,
             self._body,
-            is_allowed=self.bounds.drivable_cells(start, grid, pose, self._body.keep_m),
+            is_allowed=self.bounds.drivable_cells(start, grid, pose),
             is_wanted=self.bounds.wanted_cells(start, grid),
             edge_min_m=self._config.frontier_min_m,
             barren=self._barren,

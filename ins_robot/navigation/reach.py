@@ -63,7 +63,7 @@ class Reach:
             allowed = None
             if kind == "no zones":
                 allowed = bounds.without_zones().drivable_cells(
-                    self._start, scene.grid, scene.pose, body.keep_m
+                    self._start, scene.grid, scene.pose
                 )
             if kind == "thin":
                 allowed = scene.is_allowed

@@ -16,6 +16,7 @@ from ins_robot.navigation.planner import dense_points_m
 
 TWO_ROOMS = plan(8, 5, (0.5, 0.5, 3.5, 4.5), (3.5, 2.0, 3.6, 2.9), (3.6, 0.5, 7.5, 4.5))
 START = (1.5, 2.2)
+KEEP_M = 0.23
 DOOR_WALL = Zone(name="door", kind=ZoneKind.WALL, points_m=((2.05, -0.6), (2.05, 1.0)))
 STAIRS = Zone(
     name="stairs",
@@ -64,12 +65,12 @@ def test_a_no_go_zone_is_driven_around():
 
 def test_a_robot_on_forbidden_ground_may_leave_it():
     grid = grid_of(plan(10, 10, (0.5, 0.5, 9.5, 9.5)))
-    bounds = Bounds(ExplorationConfig())
+    bounds = Bounds(ExplorationConfig(), KEEP_M)
     bounds.zones = (
         Zone(name="z", kind=ZoneKind.NO_GO, points_m=((3, 3), (7, 3), (7, 7), (3, 7))),
     )
     here = Pose2(3.4, 5.0, 0.0)
-    allowed = bounds.drivable_cells(Pose2(1, 1, 0), grid, here, 0.23)
+    allowed = bounds.drivable_cells(Pose2(1, 1, 0), grid, here)
 
     def at(x, y):
         row, col = grid.cells(np.array([x, y]))
@@ -83,11 +84,12 @@ def test_a_robot_on_forbidden_ground_may_leave_it():
 
 
 def test_fences_stand_where_the_lines_are():
-    bounds = Bounds(ExplorationConfig(boundary=((-1, -1), (1, -1), (0, 1))), (DOOR_WALL,))
+    triangle = ExplorationConfig(boundary=((-1, -1), (1, -1), (0, 1)))
+    bounds = Bounds(triangle, KEEP_M, (DOOR_WALL,))
     fence = bounds.fence_m()
     for corner in [(-1, -1), (1, -1), (0, 1), (2.05, -0.6), (2.05, 1.0)]:
         assert np.hypot(*(fence - corner).T).min() < 0.03
-    assert len(Bounds(ExplorationConfig()).fence_m()) == 0
+    assert len(Bounds(ExplorationConfig(), KEEP_M).fence_m()) == 0
 
 
 def test_a_place_is_driven_to_and_exploring_goes_on():
