@@ -114,9 +114,9 @@ class Survey:
         self._follow_corrections()
         return self._note(self.explorer.end(why, pose, self.grid))
 
-    def obstacles(self) -> cKDTree:
-        """Points (N, 2) on all that the body must not touch, forbidden lines included."""
-        walls, fence_m = self.grid.walls(), self.explorer.bounds.fence_m()
+    def obstacles(self, pose: Pose2) -> cKDTree:
+        """Points (N, 2) on all that a body at `pose` must not touch, fences included."""
+        walls, fence_m = self.grid.walls(), self.explorer.bounds.fence_m(pose)
         return cKDTree(np.concatenate([walls.data, fence_m])) if len(fence_m) else walls
 
     def _decide(self, pose: Pose2) -> Decision:

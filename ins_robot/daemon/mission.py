@@ -93,6 +93,7 @@ class Mission(RunUnderWay):
         if self._orders.zones_changed:
             self._orders.zones_changed = False
             decision = await self._replan()
+            await self._look_out()  # it may have rolled onto what was forbidden just now
         taken = self._orders.take_place()
         if taken is not None:
             decision = await self._send_to(*taken, decision)
@@ -227,10 +228,14 @@ class Mission(RunUnderWay):
         try:
             outcome = await computing
             self.core.apply(outcome)
-            self._pilot.observe(await self._in_worker(self.core.survey.obstacles))
+            await self._look_out()
         finally:
             self._is_surveying = False
         return outcome
+
+    async def _look_out(self) -> None:
+        """Tell the guard what is in the way of a robot that is where this one is."""
+        self._pilot.observe(await self._in_worker(self.core.survey.obstacles, self.core.pose))
 
     # ---------------------------------------------------------------- what comes in
 
@@ -283,7 +288,7 @@ class Mission(RunUnderWay):
     async def forbid(self, zones: tuple[Zone, ...]) -> None:
         """No-go zones and virtual walls from now on; the way is looked at again."""
         await super().forbid(zones)
-        self._pilot.observe(await self._in_worker(self.core.survey.obstacles))
+        await self._look_out()
         self._orders.zones_changed = True
 
     async def go_to(self, place_m: Place) -> None:

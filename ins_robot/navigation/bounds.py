@@ -22,6 +22,7 @@ from ins_robot.navigation.limit_lines import LimitLine
 from ins_robot.navigation.room_map import RoomMap
 
 BoolArray = NDArray[np.bool_]
+ASTRIDE_M = 0.08  # so near to a line, in cells the robot stands on it
 ESCAPE_M = 0.3  # a robot standing on forbidden ground may cross so much more of it to get off
 
 
@@ -97,9 +98,22 @@ class Bounds:
             ok |= near & (room >= room[row, col] - 0.5 * grid.resolution_m)
         return ok
 
-    def fence_m(self) -> FloatArray:
-        """(N, 2) points along all lines, for those who know obstacles as points."""
-        return np.concatenate([np.zeros((0, 2)), *(line.fence_m() for line in self._lines)])
+    def fence_m(self, pose: Pose2) -> FloatArray:
+        """(N, 2) points along all lines, for those who know obstacles as points.
+
+        A robot that stands beyond a line or on it, at `pose`, may leave: the line has no points
+        as far around as `drivable_cells` lets it go.
+        """
+        here = np.array([[pose.x_m, pose.y_m]])
+        pieces = [np.zeros((0, 2))]
+        for line in self._lines:
+            points = line.fence_m()
+            room_m = float(line.room_m(here)[0])
+            if room_m < ASTRIDE_M:
+                way_m = self._keep_m - room_m + ESCAPE_M
+                points = points[np.hypot(*(points - here).T) > way_m + self._keep_m]
+            pieces.append(points)
+        return np.concatenate(pieces)
 
     def _is_near(self, start: Pose2, grid: OccupancyGrid, cells: BoolArray) -> BoolArray:
         """(H, W) bool: of cells, those within the radius."""

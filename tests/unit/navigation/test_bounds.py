@@ -86,10 +86,10 @@ def test_a_robot_on_forbidden_ground_may_leave_it():
 def test_fences_stand_where_the_lines_are():
     triangle = ExplorationConfig(boundary=((-1, -1), (1, -1), (0, 1)))
     bounds = Bounds(triangle, KEEP_M, (DOOR_WALL,))
-    fence = bounds.fence_m()
+    fence = bounds.fence_m(Pose2())
     for corner in [(-1, -1), (1, -1), (0, 1), (2.05, -0.6), (2.05, 1.0)]:
         assert np.hypot(*(fence - corner).T).min() < 0.03
-    assert len(Bounds(ExplorationConfig(), KEEP_M).fence_m()) == 0
+    assert len(Bounds(ExplorationConfig(), KEEP_M).fence_m(Pose2())) == 0
 
 
 def test_a_place_is_driven_to_and_exploring_goes_on():
