@@ -4,7 +4,8 @@
 from __future__ import annotations
 
 import asyncio
-from typing import Any
+from collections.abc import Callable
+from typing import Any, TypeVar
 
 from ins_robot import __version__
 from ins_robot.core.run_result import RunResult
@@ -21,6 +22,7 @@ from ins_robot.mapping.map_files import TernaryMap, pgm_bytes, yaml_text
 from ins_robot.mapping.zones import Zone, zone_of, zones_as_json
 from ins_robot.sensing.scan_summary import polar_picture
 
+T = TypeVar("T")
 FILES = {"png": MAP_PNG, "pgm": MAP_PGM, "yaml": MAP_YAML}
 
 
@@ -31,6 +33,7 @@ class DaemonCommands:
         self._robot = robot
         self._store = store
         self._zones = ZoneStore(store.root)
+        self._one_change = asyncio.Lock()
 
     async def start(self, name: str) -> str:
         """Begin a run; its full name."""
@@ -165,15 +168,16 @@ class DaemonCommands:
 
     async def add_zone(self, zone: dict[str, Any]) -> None:
         """One more, for the run under way and all later ones."""
-        await self._forbid(self._zones.with_one_more(zone_of(zone)))
+        await self._forbid(self._zones.add, zone_of(zone))
 
     async def remove_zone(self, name: str) -> None:
         """One less."""
-        await self._forbid(self._zones.without(name))
+        await self._forbid(self._zones.remove, name)
 
-    async def _forbid(self, zones: tuple[Zone, ...]) -> None:
-        self._zones.save(zones)
-        await self._robot.forbid(zones)
+    async def _forbid(self, change: Callable[[T], tuple[Zone, ...]], what: T) -> None:
+        async with self._one_change:  # of two at a time the file would keep one
+            zones = await asyncio.to_thread(change, what)  # a disk may take its time to sync
+            await self._robot.forbid(zones)
 
     async def runs(self) -> list[dict[str, Any]]:
         """All recorded runs."""

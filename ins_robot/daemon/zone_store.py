@@ -35,20 +35,20 @@ class ZoneStore:
         """All of them. Raises InputError when the file is none of ours."""
         return read_zones(self._path) if self._path.exists() else ()
 
-    def with_one_more(self, zone: Zone) -> tuple[Zone, ...]:
-        """All of them and this one, not written yet; its name must be new."""
-        return zones_of(zones_as_json([*self.load(), zone]))
+    def add(self, zone: Zone) -> tuple[Zone, ...]:
+        """One more, whose name must be new; all of them."""
+        return self._save(zones_of(zones_as_json([*self.load(), zone])))
 
-    def without(self, name: str) -> tuple[Zone, ...]:
-        """All but the one of that name, not written yet. Raises InputError: there is none."""
+    def remove(self, name: str) -> tuple[Zone, ...]:
+        """One less; those that are left. Raises InputError when there is none of that name."""
         zones = self.load()
         kept = tuple(zone for zone in zones if zone.name != name)
         if len(kept) == len(zones):
             known = ", ".join(zone.name for zone in zones) or "there are none"
             raise InputError(f"no zone '{name}'; known: {known}")
-        return kept
+        return self._save(kept)
 
-    def save(self, zones: tuple[Zone, ...]) -> None:
-        """Replace the file."""
+    def _save(self, zones: tuple[Zone, ...]) -> tuple[Zone, ...]:
         self._path.parent.mkdir(parents=True, exist_ok=True)
         write_atomically(self._path, json_bytes(zones_as_json(zones)))
+        return zones

@@ -1,0 +1,43 @@
+# SPDX-License-Identifier: MIT
+"""Zones are written beside the event loop, one change after the other."""
+
+import asyncio
+import os
+import threading
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from ins_robot.daemon.commands import DaemonCommands
+from ins_robot.daemon.run_store import RunStore
+from ins_robot.daemon.zone_store import read_zones
+
+
+def test_the_loop_does_not_wait_for_the_disk_and_no_change_is_lost(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    syncing, forbidden, sync = [], [], os.fsync
+
+    def watched(file: int) -> None:
+        syncing.append(threading.get_ident())
+        sync(file)
+
+    monkeypatch.setattr(os, "fsync", watched)
+
+    async def forbid(zones) -> None:
+        forbidden.append([zone.name for zone in zones])
+
+    async def live() -> None:
+        commands = DaemonCommands(SimpleNamespace(forbid=forbid), RunStore(tmp_path))
+        corners = [[1, 1], [2, 1], [1, 2]]
+        zones = [{"name": name, "kind": "no-go", "points": corners} for name in "abcdefgh"]
+        await asyncio.gather(*map(commands.add_zone, zones))
+        await commands.remove_zone("b")
+
+    asyncio.run(live())
+    assert len(syncing) == 9
+    assert threading.get_ident() not in syncing
+    kept = [zone.name for zone in read_zones(tmp_path / "zones.json")]
+    assert sorted(kept) == list("acdefgh")
+    assert forbidden[-1] == kept
