@@ -179,7 +179,7 @@ class Mission(RunUnderWay):
                 self._pilot.halt()
                 return Following.BLOCKED
             if not arrival.done() and self._wants_sweep():
-                await self._sweep()
+                await self._sweep_on_the_way()
                 if not arrival.done() and self._pilot.is_blocked(self.core.pose):
                     self._pilot.halt()
                     return Following.BLOCKED
@@ -206,12 +206,25 @@ class Mission(RunUnderWay):
             return False
         if self.core.position_std_m > self._config.slam.sweep_std_m:
             return True
-        clearance_m = self._pilot.clearance_m(self.core.pose)
-        if self.core.last_look_m() * DRIFT > max(clearance_m, TIGHT_M):
+        if self._may_touch():
             return True
+        clearance_m = self._pilot.clearance_m(self.core.pose)
         share = min(1.0, max(CRAMPED_SHARE, clearance_m / ROOMY_M))
         every_m = self._config.lrf.look_every_m * share
         return every_m > 0.0 and self.core.nearest_look_m() > every_m
+
+    def _may_touch(self) -> bool:
+        """The pose may have drifted by as much as there is clearance."""
+        clearance_m = self._pilot.clearance_m(self.core.pose)
+        return self.core.last_look_m() * DRIFT > max(clearance_m, TIGHT_M)
+
+    async def _sweep_on_the_way(self) -> None:
+        """A sweep while driving; standing where to go on blindly may end at a wall."""
+        self._pilot.is_held = self.is_paused or self._may_touch()
+        try:
+            await self._sweep()
+        finally:
+            self._pilot.is_held = self.is_paused
 
     async def _sweep(self) -> None:
         """One revolution while driving, to correct the pose along the trajectory."""

@@ -5,7 +5,7 @@ Walls are built square: in most scans most walls run along one direction or acro
 heading, known up to quarter turns, ties a node to all that saw the same one, however far apart
 and with no loop between them. What is slanted starts a direction of its own; what is only a
 little off square fades in the graph, whose edges know better. The idea is that of structural
-SLAM (Coughlan & Yuille 1999 for images; Peasley et al. 2012 for graphs of laser scans).
+SLAM (Coughlan & Yuille 1999 for images; Peasley et al. 2012 for pose graphs).
 """
 
 from __future__ import annotations
