@@ -17,8 +17,8 @@ from ins_robot.geometry.angles import FloatArray
 from ins_robot.geometry.pose2 import Pose2
 from ins_robot.messages import LaserScan
 
-RINGS_M = (0.7, 1.4, 2.0)  # readings from as near tell of a surface before those from further
-SAME_M = 0.04  # a reading from further this near to one from nearer adds nothing but its noise
+RINGS_M = (0.35, 0.5, 0.7, 1.0, 1.4, 2.0)  # the nearer ring tells of a surface before the next
+SAME_M = 0.05  # a reading from further this near to one from nearer adds nothing but its noise
 THIN_M = 0.01  # one reading per square of this size is enough
 
 BoolArray = NDArray[np.bool_]
