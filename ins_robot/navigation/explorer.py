@@ -148,6 +148,8 @@ class Explorer:
         if not self.graph.nodes:
             raise StateError("explorer: decide() before the first scan; call observe() first")
         scene = self._stand_and_look(pose, grid)
+        if self._is_blind:
+            return self._stay(scene)
         if self._errand_m is not None:
             drive = self._trip(scene, self._errand_m, "goto")
             if drive is not None:
@@ -176,6 +178,8 @@ class Explorer:
     def end(self, why: str, pose: Pose2, grid: OccupancyGrid) -> Drive | Finished:
         """Explore no more; home, if that is wanted, else finished: `why`."""
         scene = self._stand_and_look(pose, grid)
+        if self._is_blind:
+            return self._stay(scene)
         self._errand_m = None
         self._home.is_final = True
         return self._end(scene, self._home.ending or self._finished(scene, why, False))
@@ -224,9 +228,16 @@ class Explorer:
     def _limit_reached(self) -> str | None:
         if len(self.graph) >= self._config.max_scans:
             return f"max_scans = {self._config.max_scans} reached"
-        if self._blind_scans >= BLIND_SCANS:
-            return f"{BLIND_SCANS} scans in a row without a reading: is the LRF covered?"
         return None
+
+    @property
+    def _is_blind(self) -> bool:
+        return self._blind_scans >= BLIND_SCANS
+
+    def _stay(self, scene: Scene) -> Finished:
+        """The end right here: nothing would be seen on the way home."""
+        why = f"{BLIND_SCANS} scans in a row without a reading: is the LRF covered?"
+        return self._finished(scene, f"{why} no way home is driven blindly", False)
 
     def _finished(self, scene: Scene, why: str, is_complete: bool) -> Finished:
         if not scene.grid.is_free.any():

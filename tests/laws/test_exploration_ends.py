@@ -3,14 +3,16 @@
 
 import math
 from collections import Counter
+from dataclasses import replace
 from itertools import combinations, pairwise
 
 import numpy as np
 import pytest
 from changing_world import tell
-from exploring import RADIUS_M, Config, configured, explore, plan
+from exploring import RADIUS_M, Config, bench, configured, explore, plan
 
 from ins_robot.geometry.pose2 import Pose2
+from ins_robot.messages import LaserScan
 from ins_robot.navigation.decisions import NO_GAP
 from ins_robot.navigation.explorer import Drive, Explorer, Finished
 from ins_robot.navigation.way_home import WayHome
@@ -23,6 +25,11 @@ TWO_ROOMS = plan(8, 5, (0.5, 0.5, 3.5, 4.5), (3.5, 2.0, 3.6, 2.9), (3.6, 0.5, 7.
 
 def seen_share(world: World, start: Pose2, robot) -> float:
     return coverage(robot.seen.is_seen(), visible_cells(world, start, RADIUS_M, 6.0))
+
+
+def without_readings(scan: LaserScan) -> LaserScan:
+    nothing = np.full(len(scan.ranges_m), np.nan)
+    return replace(scan, ranges_m=nothing, range_std_m=nothing)
 
 
 def with_box(world: World, x0: float, y0: float, x1: float, y1: float) -> World:
@@ -228,6 +235,30 @@ def test_home_with_all_explored_looks_again_but_not_when_its_time_is_up():
         way.ending, way.is_final = run.decision, is_final
         assert not way.looks_again(Pose2(1.0, 0.0, 0.0))
         assert way.looks_again(Pose2()) is not is_final
+
+
+def test_a_robot_whose_lrf_is_covered_stays_where_it_is_and_says_so():
+    """Not even home: nobody would see what has come into the way."""
+    start, scans_before = Pose2(1.5, 2.5, 0.0), []
+
+    def cover(story):
+        robot = story.robot
+        if (robot.start @ robot.pose).x_m > 4.0 and not scans_before:
+            see = robot.scan
+            robot.scan = lambda half_rad: without_readings(see(half_rad))
+            scans_before.append(story.scans)
+
+    story = tell(TWO_ROOMS, start, change=cover)
+    assert "is the LRF covered?" in story.decision.reason
+    assert not story.decision.is_complete
+    assert story.robot.pose.distance_m(Pose2()) > 1.0
+    assert story.scans == scans_before[0] + 4
+    assert not any(drive.reason.startswith("home") for drive in story.drives)
+    here = story.robot.pose
+    assert isinstance(story.explorer.end("the battery is low", here, story.grid), Finished)
+    seen = bench.BenchRobot.scan(story.robot, np.pi)
+    story.explorer.observe(99, 99.0, here, seen, (0.0, np.pi))  # uncovered
+    assert isinstance(story.explorer.end("the battery is low", here, story.grid), Drive)
 
 
 def test_it_stays_where_it_is_when_told_so():
