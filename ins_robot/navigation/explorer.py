@@ -46,6 +46,7 @@ __all__ = ["Drive", "Explorer", "Finished", "LeftGap"]
 
 IN_VAIN_SHARE = 0.5  # a scan that leaves more of what it was to show unseen was in vain
 BLIND_SCANS = 4  # so many without a single reading in a row: covered, or lost in a huge hall
+BLIND_BESIDE_WALLS = 2  # and where the map has a wall within the trusted range: covered
 MOVED_M = 0.02  # a node corrected by more: the map is looked at again everywhere
 
 
@@ -148,7 +149,7 @@ class Explorer:
         if not self.graph.nodes:
             raise StateError("explorer: decide() before the first scan; call observe() first")
         scene = self._stand_and_look(pose, grid)
-        if self._is_blind:
+        if self._is_blind(scene):
             return self._stay(scene)
         if self._errand_m is not None:
             drive = self._trip(scene, self._errand_m, "goto")
@@ -178,7 +179,7 @@ class Explorer:
     def end(self, why: str, pose: Pose2, grid: OccupancyGrid) -> Drive | Finished:
         """Explore no more; home, if that is wanted, else finished: `why`."""
         scene = self._stand_and_look(pose, grid)
-        if self._is_blind:
+        if self._is_blind(scene):
             return self._stay(scene)
         self._errand_m = None
         self._home.is_final = True
@@ -230,13 +231,15 @@ class Explorer:
             return f"max_scans = {self._config.max_scans} reached"
         return None
 
-    @property
-    def _is_blind(self) -> bool:
-        return self._blind_scans >= BLIND_SCANS
+    def _is_blind(self, scene: Scene) -> bool:
+        if self._blind_scans < BLIND_BESIDE_WALLS:
+            return False
+        wall_m, _ = scene.grid.walls().query((scene.pose.x_m, scene.pose.y_m))
+        return self._blind_scans >= BLIND_SCANS or wall_m <= self._rules.range_trusted_m
 
     def _stay(self, scene: Scene) -> Finished:
         """The end right here: nothing would be seen on the way home."""
-        why = f"{BLIND_SCANS} scans in a row without a reading: is the LRF covered?"
+        why = f"{self._blind_scans} scans in a row without a reading: is the LRF covered?"
         return self._finished(scene, f"{why} no way home is driven blindly", False)
 
     def _finished(self, scene: Scene, why: str, is_complete: bool) -> Finished:

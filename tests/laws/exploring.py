@@ -84,7 +84,7 @@ def grid_of(world: World, is_known=None) -> OccupancyGrid:
     if is_known is not None:
         odds = np.where(is_known, odds, 0.0)
     blocks = [-(-n // 64) * 64 for n in (height, width)]
-    grid.log_odds = np.zeros(blocks, np.float32)
+    grid.log_odds, grid.is_quiet = np.zeros(blocks, np.float32), np.zeros(blocks, bool)
     grid.log_odds[:height, :width] = odds
     grid._corner = (
         round(world.origin_m[1] / RESOLUTION_M),

@@ -9,7 +9,16 @@ from itertools import combinations, pairwise
 import numpy as np
 import pytest
 from changing_world import tell
-from exploring import RADIUS_M, Config, bench, configured, explore, plan
+from exploring import (
+    RADIUS_M,
+    Config,
+    bench,
+    configured,
+    explore,
+    grid_of,
+    plan,
+    robot_at,
+)
 
 from ins_robot.geometry.pose2 import Pose2
 from ins_robot.messages import LaserScan
@@ -252,13 +261,28 @@ def test_a_robot_whose_lrf_is_covered_stays_where_it_is_and_says_so():
     assert "is the LRF covered?" in story.decision.reason
     assert not story.decision.is_complete
     assert story.robot.pose.distance_m(Pose2()) > 1.0
-    assert story.scans == scans_before[0] + 4
+    assert story.scans == scans_before[0] + 2
     assert not any(drive.reason.startswith("home") for drive in story.drives)
     here = story.robot.pose
     assert isinstance(story.explorer.end("the battery is low", here, story.grid), Finished)
     seen = bench.BenchRobot.scan(story.robot, np.pi)
     story.explorer.observe(99, 99.0, here, seen, (0.0, np.pi))  # uncovered
     assert isinstance(story.explorer.end("the battery is low", here, story.grid), Drive)
+
+
+@pytest.mark.parametrize(("x_m", "scans"), [(15.0, 4), (2.5, 2)], ids=["hall", "wall"])
+def test_nothing_in_sight_may_be_a_hall_but_not_beside_a_wall(x_m, scans):
+    """A silent scan in a large hall is no fault yet, where a wall must show it is."""
+    grid = grid_of(plan(30, 30, (0.5, 0.5, 29.5, 29.5)))
+    config, pose = Config(), Pose2(x_m, 15.0, 0.0)
+    explorer = Explorer(config.exploration, config.robot, config.lrf)
+    silent = without_readings(robot_at(TWO_ROOMS, 1.5, 2.5).scan(np.pi))
+    ends = []
+    for number in range(scans):
+        explorer.observe(number, float(number), pose, silent, (0.0, math.pi))
+        ends.append(explorer.decide(pose, grid).reason)
+    assert not any("covered" in reason for reason in ends[:-1])
+    assert ends[-1].startswith(f"{scans} scans in a row without a reading")
 
 
 def test_it_stays_where_it_is_when_told_so():
