@@ -2,8 +2,8 @@
 """Runs the daemon's tasks by name: restarts devices, ends everything else together.
 
 An essential task that fails ends the daemon with its error. A device task that fails is logged
-and run again after a delay that doubles each time, for as long as the daemon lives. This is the
-only place beside `cli.main` that may catch any Exception.
+and run again after a delay that doubles each time, for as long as the daemon lives. Only here
+may any Exception be caught, and where an executor passes it on: `simulation/virtual_clock.py`.
 """
 
 from __future__ import annotations

@@ -129,6 +129,17 @@ def test_unit_and_configuration_agree() -> None:
         assert f'SYMLINK+="{port.removeprefix("/dev/")}"' in rules
 
 
+def test_any_exception_is_caught_where_the_supervisor_says_and_with_a_reason() -> None:
+    catching = re.compile(r"^ *except(?: Exception\b[^:]*)?:(.*)$", re.MULTILINE)
+    found = {
+        str(path.relative_to(ROOT / "ins_robot")): catching.findall(path.read_text())
+        for path in sorted((ROOT / "ins_robot").rglob("*.py"))
+    }
+    found = {path: reasons for path, reasons in found.items() if reasons}
+    assert set(found) == {"daemon/supervisor.py", "simulation/virtual_clock.py"}
+    assert all(reason.strip().startswith("#") for each in found.values() for reason in each)
+
+
 def test_every_source_file_carries_its_licence() -> None:
     roots = [ROOT / name for name in ("ins_robot", "tests", "tools")]
     files = [path for root in roots for path in root.rglob("*.py")]
