@@ -8,7 +8,6 @@ the same input. Cells are scaled by a whole number, so walls stay crisp; what is
 
 from __future__ import annotations
 
-import io
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -21,6 +20,7 @@ from ins_robot.geometry.angles import FloatArray
 from ins_robot.geometry.pose2 import Pose2
 from ins_robot.mapping.map_files import GridView, TernaryMap
 from ins_robot.mapping.palette import MIST, NIGHT, WHITE
+from ins_robot.mapping.png_file import png_file
 from ins_robot.mapping.zones import Zone
 
 if TYPE_CHECKING:
@@ -111,9 +111,7 @@ class Frame:
 
 def png_bytes(picture: MapPicture) -> bytes:
     """The picture as a PNG file."""
-    buffer = io.BytesIO()
-    draw_map(picture).save(buffer, format="PNG", optimize=False, compress_level=6)
-    return buffer.getvalue()
+    return png_file(draw_map(picture))
 
 
 def draw_map(picture: MapPicture) -> Image:

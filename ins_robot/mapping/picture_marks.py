@@ -20,6 +20,7 @@ from ins_robot.geometry.pose2 import Pose2
 from ins_robot.mapping import palette
 from ins_robot.mapping.map_picture import Frame, GoalMark, MapPicture
 from ins_robot.mapping.palette import FOOTER_PX, INK, RULE, SMOOTH, TEXT_PX, WHITE, Colour
+from ins_robot.mapping.round_lengths import round_below
 from ins_robot.mapping.zones import ZoneKind
 
 if TYPE_CHECKING:
@@ -215,7 +216,7 @@ def _draw_scale_bar(
     draw: ImageDraw.ImageDraw, size: tuple[int, int], frame: Frame, unit: float
 ) -> float:
     """Draw it at the right; the column where it begins."""
-    length_m = scale_bar_m(0.22 * size[0] / frame.px_per_m)
+    length_m = round_below(0.22 * size[0] / frame.px_per_m)
     length = length_m * frame.px_per_m
     x, y, tick = size[0] - _EDGE * unit - length, size[1] + 20 * unit, 5 * unit
     draw.line([(x, y), (x + length, y)], fill=INK, width=round(3 * unit))
@@ -243,11 +244,3 @@ def _legend(picture: MapPicture) -> list[tuple[str, Colour, str]]:
     if any(not gap.is_open for gap in picture.gaps):
         entries.append(("diamond", _OTHER_GAP, "other gap"))
     return entries
-
-
-def scale_bar_m(wanted_m: float) -> float:
-    """The longest of 1, 2, 5 x 10^n metres that is not longer than `wanted_m`."""
-    power = 10.0 ** math.floor(math.log10(wanted_m))
-    return max(
-        step * power for step in (1.0, 2.0, 5.0) if step * power <= wanted_m * (1 + 1e-9)
-    )

@@ -7,7 +7,6 @@ orange, beams without a reading are ticks on the rim. Pillow is imported when us
 
 from __future__ import annotations
 
-import io
 import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -18,6 +17,8 @@ from ins_robot.geometry.angles import FloatArray
 from ins_robot.mapping import palette
 from ins_robot.mapping.occupancy_grid import BoolArray
 from ins_robot.mapping.palette import FOOTER_PX, INK, PALE_RULE, SMOOTH, TEXT_PX, WHITE, Colour
+from ins_robot.mapping.png_file import png_file
+from ins_robot.mapping.round_lengths import round_above
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -47,19 +48,7 @@ class PolarPicture:
 
 def polar_png_bytes(picture: PolarPicture) -> bytes:
     """The plot as a PNG file."""
-    buffer = io.BytesIO()
-    draw_polar(picture).save(buffer, format="PNG", optimize=False, compress_level=6)
-    return buffer.getvalue()
-
-
-def ring_step_m(outer_m: float) -> float:
-    """The smallest of 1, 2, 5 x 10^n that makes at most `RINGS_MAX` rings."""
-    power = 10.0 ** math.floor(math.log10(outer_m / RINGS_MAX))
-    return next(
-        step * power
-        for step in (1.0, 2.0, 5.0, 10.0)
-        if outer_m / (step * power) <= RINGS_MAX * (1.0 + 1e-9)
-    )
+    return png_file(draw_polar(picture))
 
 
 def draw_polar(picture: PolarPicture) -> Image:
@@ -83,7 +72,7 @@ class _Plot:
 
         valid_m = picture.ranges_m[np.isfinite(picture.ranges_m)]
         farthest_m = float(valid_m.max()) if len(valid_m) else picture.range_max_m
-        self._step_m = ring_step_m(farthest_m)
+        self._step_m = round_above(farthest_m / RINGS_MAX)
         self._outer_m = self._step_m * math.ceil(farthest_m / self._step_m - 1e-9)
         self._draw = ImageDraw.Draw(image)
         self._font = ImageFont.load_default(TEXT_PX * SMOOTH)

@@ -27,7 +27,7 @@ from ins_robot.mapping.map_picture import (
     draw_map,
     png_bytes,
 )
-from ins_robot.mapping.picture_marks import scale_bar_m
+from ins_robot.mapping.round_lengths import round_above, round_below
 
 FOOTER = 150  # rows of a picture that may be below the map
 
@@ -214,8 +214,9 @@ def test_the_same_picture_has_the_same_bytes():
 
 
 @settings(max_examples=50)
-@given(st.floats(0.01, 1e4))
-def test_the_scale_bar_is_round_and_fits(wanted_m):
-    length_m = scale_bar_m(wanted_m)
-    assert length_m <= wanted_m * (1 + 1e-9) < 2.5 * length_m * (1 + 1e-6)
-    assert f"{length_m:e}"[0] in "125"
+@given(st.one_of(st.floats(0.01, 1e4), st.sampled_from([0.1, 0.2, 0.5, 1.0, 20.0, 500.0])))
+def test_lengths_on_pictures_are_round_and_fit(length_m):
+    below, above = round_below(length_m), round_above(length_m)
+    assert below <= length_m * (1 + 1e-9) < 2.5 * below * (1 + 1e-6)
+    assert above * (1 + 1e-9) >= length_m > above / 2.5 * (1 - 1e-6)
+    assert {f"{below:.6e}"[:8], f"{above:.6e}"[:8]} <= {"1.000000", "2.000000", "5.000000"}

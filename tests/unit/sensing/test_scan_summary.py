@@ -2,20 +2,13 @@
 """A polar plot shows each beam where it looked, and marks weak ones and silent ones."""
 
 import io
-import math
 
 import numpy as np
-import pytest
 from PIL import Image
 
 from ins_robot.config import LrfConfig
 from ins_robot.mapping import palette
-from ins_robot.mapping.polar_picture import (
-    RIM_PX,
-    SIZE_PX,
-    polar_png_bytes,
-    ring_step_m,
-)
+from ins_robot.mapping.polar_picture import RIM_PX, SIZE_PX, polar_png_bytes
 from ins_robot.messages import LaserScan
 from ins_robot.sensing.range_error import range_std_m
 from ins_robot.sensing.scan_summary import polar_picture
@@ -63,10 +56,3 @@ def test_a_scan_that_saw_nothing_is_drawn_too() -> None:
     blind = polar_picture([revolution(slice(0, 0), slice(0, 360))] * 5, CONFIG)
     assert "0 of 360 beams valid" in blind.caption
     assert polar_png_bytes(blind).startswith(b"\x89PNG")
-
-
-@pytest.mark.parametrize("outer_m", [0.3, 0.9, 2.0, 5.2, 6.0, 11.9, 16.0])
-def test_rings_are_round_numbers_and_few(outer_m: float) -> None:
-    step = ring_step_m(outer_m)
-    assert 1 <= math.ceil(outer_m / step - 1e-9) <= 6
-    assert f"{step:.0e}"[0] in "125"
