@@ -29,7 +29,9 @@ SURFELS_MIN = 20
 SHARE_MIN = 0.4  # of what is flat: in a round room the best direction means nothing
 OWN_SPREAD = 0.75  # of a surfel's tilt: so much walls spread; what spreads more is a mixture
 VOTERS = 6.0  # neighbouring surfels share their readings, and tell as much as one
-STD_MAX_RAD = math.radians(0.6)  # scans among themselves know better than a vague direction
+STD_MAX_RAD = math.radians(2.0)  # scans among themselves know better than a vaguer direction
+SHARP_STD_RAD = math.radians(0.6)
+SHARP_WITHIN_M = 10.0  # where sharp directions are to be had, vague ones are left alone
 BUILT_STD_RAD = math.radians(0.4)  # as true as walls are built
 SAME_WALLS_M = 2.0  # after less than this the same walls are seen, and err the same way
 SAME_RAD = math.radians(4.0)
@@ -77,7 +79,7 @@ class WallDirections:
     """The directions of a building so far, as a graph of nodes holds them."""
 
     def __init__(self) -> None:
-        self._looked_at_m = -math.inf
+        self._looked_at_m = self._sharp_at_m = -math.inf
 
     def see(self, graph: PoseGraph, node: int, surfels: Surfels, travelled_m: float) -> bool:
         """Tie a node to its direction; whether it is off by enough to relax the graph.
@@ -88,6 +90,10 @@ class WallDirections:
             return False
         seen = wall_direction(surfels)
         if seen is None:
+            return False
+        if seen.std_rad <= SHARP_STD_RAD:
+            self._sharp_at_m = travelled_m
+        elif travelled_m - self._sharp_at_m < SHARP_WITHIN_M:
             return False
         self._looked_at_m = travelled_m
         at_rad = float(graph.poses[node, 2]) + seen.heading_rad

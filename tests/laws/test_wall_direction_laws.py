@@ -13,6 +13,7 @@ from ray_world import ROOM, full_turn, scan_at
 
 from ins_robot.estimation.pose_graph import PoseGraph
 from ins_robot.estimation.wall_directions import (
+    SHARP_STD_RAD,
     WallDirections,
     wall_direction,
     wrap_quarter_rad,
@@ -61,8 +62,11 @@ def test_where_no_direction_stands_out_there_is_none():
 def test_a_wall_with_a_bend_is_too_vague():
     """Two directions three degrees apart: the mean of both is neither."""
     bent = np.array([(-3.0, 1.5, 0.0, 1.5), (0.0, 1.5, 3.0, 1.5 + 3.0 * math.tan(0.05))])
-    assert wall_direction(surfels_at(bent[:1], (0.0, 0.0, 0.0))) is not None
-    assert wall_direction(surfels_at(bent, (0.0, 0.0, 0.0))) is None
+    straight = wall_direction(surfels_at(bent[:1], (0.0, 0.0, 0.0)))
+    mixed = wall_direction(surfels_at(bent, (0.0, 0.0, 0.0)))
+    assert straight is not None
+    assert straight.std_rad < SHARP_STD_RAD
+    assert mixed is None or mixed.std_rad > SHARP_STD_RAD
 
 
 def chain_of(headings_off, seen_off=0.0, count=60, sees=True):
