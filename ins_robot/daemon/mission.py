@@ -60,6 +60,7 @@ class Mission(RunUnderWay):
         self._is_going_home = False
         self._ready = asyncio.Event()
         self._is_surveying = False
+        self._stands_to_look = False
         self._last_tick_s: float | None = None
         self._ticked_at_s = self._clock()
 
@@ -220,11 +221,17 @@ class Mission(RunUnderWay):
 
     async def _sweep_on_the_way(self) -> None:
         """A sweep while driving; standing where to go on blindly may end at a wall."""
-        self._pilot.is_held = self.is_paused or self._may_touch()
+        self._stands_to_look = self._may_touch()
+        self._hold()
         try:
             await self._sweep()
         finally:
-            self._pilot.is_held = self.is_paused
+            self._stands_to_look = False
+            self._hold()
+
+    def _hold(self) -> None:
+        """Stand on the way for as long as there is a reason to."""
+        self._pilot.is_held = self.is_paused or self._stands_to_look
 
     async def _sweep(self) -> None:
         """One revolution while driving, to correct the pose along the trajectory."""
@@ -317,12 +324,12 @@ class Mission(RunUnderWay):
     def pause(self) -> None:
         """Stand, and stay where the method is."""
         super().pause()
-        self._pilot.is_held = True
+        self._hold()
 
     def resume(self) -> None:
         """Go on after `pause`."""
-        self._pilot.is_held = False
         super().resume()
+        self._hold()
 
     # ---------------------------------------------------------------- small things
 

@@ -58,7 +58,7 @@ def zone_of(value: Any) -> Zone:
     name, kind, points = value["name"], value["kind"], value["points"]
     if not isinstance(name, str) or not name:
         raise InputError("a zone needs a name")
-    if kind not in set(ZoneKind):
+    if kind not in list(ZoneKind):  # a list: JSON may bring what cannot be hashed
         raise InputError(f"zone '{name}': kind must be one of {', '.join(ZoneKind)}")
     if not isinstance(points, list | tuple) or not all(map(_is_point, points)):
         raise InputError(f"zone '{name}': points must be [[x, y], ...] in metres")

@@ -11,18 +11,52 @@ import pytest
 from ins_robot.daemon.mission import Mission
 
 
+class Sweeping(Mission):
+    """A mission of which only the sweep on the way is there."""
+
+    def __init__(self, may_touch, meanwhile):
+        self._pilot = SimpleNamespace(is_held=False)
+        self._go = asyncio.Event()
+        self._go.set()
+        self._stands_to_look = False
+        self._may_touch = lambda: may_touch
+        self._meanwhile = meanwhile
+        self.held = []
+
+    async def _sweep(self):
+        self._meanwhile(self)
+        self.held.append(self._pilot.is_held)
+
+    async def look(self):
+        await self._sweep_on_the_way()
+        self.held.append(self._pilot.is_held)
+
+
+def held(may_touch, meanwhile):
+    """Whether the wheels are held during the sweep, and after it."""
+
+    async def live():
+        mission = Sweeping(may_touch, meanwhile)
+        await mission.look()
+        return mission.held
+
+    return asyncio.run(live())
+
+
 @pytest.mark.parametrize("may_touch", [False, True])
-@pytest.mark.parametrize("is_paused", [False, True])
-def test_a_robot_that_may_touch_stands_until_it_has_looked(may_touch, is_paused):
-    pilot = SimpleNamespace(is_held=is_paused)
-    held = []
+def test_a_robot_that_may_touch_stands_until_it_has_looked(may_touch):
+    assert held(may_touch, lambda mission: None) == [may_touch, False]
 
-    async def sweep():
-        held.append(pilot.is_held)
 
-    mission = SimpleNamespace(
-        _pilot=pilot, is_paused=is_paused, _may_touch=lambda: may_touch, _sweep=sweep
-    )
-    asyncio.run(Mission._sweep_on_the_way(mission))
-    assert held == [may_touch or is_paused]
-    assert pilot.is_held is is_paused
+@pytest.mark.parametrize("may_touch", [False, True])
+def test_a_pause_in_between_lasts(may_touch):
+    assert held(may_touch, lambda mission: mission.pause()) == [True, True]
+
+
+@pytest.mark.parametrize("may_touch", [False, True])
+def test_resuming_in_between_does_not_end_the_look(may_touch):
+    def paused_for_a_moment(mission):
+        mission.pause()
+        mission.resume()
+
+    assert held(may_touch, paused_for_a_moment) == [may_touch, False]
