@@ -115,11 +115,12 @@ class OccupancyGrid:
     def is_solid(self) -> BoolArray:
         """(H, W) bool: occupied, or unknown right beside it.
 
-        What was hit goes on behind the face that was seen; nobody has seen how far.
+        What was hit goes on behind the face that was seen; nobody has seen how far. Not where
+        a silent beam has passed: no wall ends there.
         """
         occupied = self.is_occupied
         beside: BoolArray = binary_dilation(occupied, np.ones((3, 3), bool))
-        return occupied | (self.is_unknown & beside)
+        return occupied | (self.is_unknown & beside & ~self.is_quiet)
 
     def distance_m(self) -> FloatArray:
         """(H, W) Euclidean distance to the nearest solid cell; inf when there is none.

@@ -4,7 +4,8 @@
 A cell's centre can be off a narrow passage's middle by half a cell, which is all the room there
 is between furniture 0.45 m apart. The readings know better than cells where the walls are: for
 free cells on the ridge between two walls the place within the cell with the most room is found,
-and the robot drives from such place to such place.
+and the robot drives from such place to such place. Quiet ground counts as free: where a narrow
+door leads to a large room, nothing behind it answers.
 """
 
 from __future__ import annotations
@@ -42,7 +43,10 @@ def _between_walls(grid: OccupancyGrid, body: BodyRules, is_unseen: BoolArray) -
     resolution = grid.resolution_m
     clearance = grid.clearance_m()
     needed = body.radius_m + MARGIN_CELLS * resolution
-    is_band = grid.is_free & (clearance >= body.radius_m - resolution) & (clearance < needed)
+    is_quiet = grid.is_unknown & grid.is_quiet
+    is_band = (grid.is_free | is_quiet) & (clearance >= body.radius_m - resolution)
+    is_band &= clearance < needed
+    is_unseen = is_unseen & ~is_quiet
     if is_unseen.any():
         unseen_m = distance_transform_edt(~is_unseen, sampling=resolution)
         is_band &= unseen_m - 0.5 * resolution >= body.radius_m
