@@ -19,17 +19,13 @@ from ins_robot.daemon.pilot import Pilot
 from ins_robot.daemon.run_under_way import MissionState
 from ins_robot.daemon.scan_taking import ScannerPower
 from ins_robot.errors import StateError
-from ins_robot.logs.journal import JournalWriter
 from ins_robot.logs.journal_codec import Message
 
 TRIES = 4
 
 
-class NoJournal(JournalWriter):
+class NoJournal:
     """Keeps nothing."""
-
-    def __init__(self) -> None:
-        """No file is opened."""
 
     def write(self, message: Message) -> None:
         """Not kept."""

@@ -21,7 +21,7 @@ from ins_robot.daemon.run_under_way import MissionState, RunUnderWay
 from ins_robot.daemon.scan_taking import ScannerPower
 from ins_robot.errors import DeviceError, StateError
 from ins_robot.geometry.pose2 import Pose2
-from ins_robot.logs.journal import JournalWriter
+from ins_robot.logs.journal import Journal
 from ins_robot.mapping.zones import Zone
 from ins_robot.messages import ImuSample, LaserScan, WheelSample
 from ins_robot.navigation.explorer import Drive
@@ -50,7 +50,7 @@ class Mission(RunUnderWay):
         pilot: Pilot,
         scanner: Callable[[], ScannerPower],
         worker: Executor,
-        journal: JournalWriter,
+        journal: Journal,
     ) -> None:
         super().__init__(name, config, core, scanner, worker, journal)
         self._pilot = pilot

@@ -20,7 +20,7 @@ from ins_robot.core.run_core import RunCore, ScanJob
 from ins_robot.daemon.orders import Place
 from ins_robot.daemon.scan_taking import ScannerPower, ScanTaker
 from ins_robot.errors import RobotError, StateError
-from ins_robot.logs.journal import JournalWriter
+from ins_robot.logs.journal import Journal
 from ins_robot.mapping.zones import Zone, zones_as_json
 from ins_robot.messages import ImuSample, LaserScan, Mark, WheelSample
 from ins_robot.navigation.explorer import Drive
@@ -59,7 +59,7 @@ class RunUnderWay(ABC):
         core: RunCore,
         scanner: Callable[[], ScannerPower],
         worker: Executor,
-        journal: JournalWriter,
+        journal: Journal,
     ) -> None:
         self.name = name
         self.core = core

@@ -35,7 +35,7 @@ from ins_robot.daemon.single_scan import SingleScan
 from ins_robot.daemon.supervisor import StopLatch, Supervisor, outcome_of
 from ins_robot.daemon.systemd_notify import SystemdNotifier
 from ins_robot.errors import RobotError, StateError
-from ins_robot.logs.journal import JOURNAL_NAME, JournalHeader, JournalWriter
+from ins_robot.logs.journal import JOURNAL_NAME, Journal, JournalHeader, JournalWriter
 from ins_robot.logs.memory import peak_rss_mb
 from ins_robot.logs.run_directory import write_run
 from ins_robot.mapping.map_picture import MapPicture
@@ -141,7 +141,7 @@ class Robot:
         self.pipeline.mission = self.mission
         self.supervisor.add_task("run", lambda: self._explore(directory))
 
-    def _mission(self, name: str, journal: JournalWriter) -> RunUnderWay:
+    def _mission(self, name: str, journal: Journal) -> RunUnderWay:
         rng = np.random.default_rng(self.config.slam.seed)
         core = make_core(self.config, rng, time.thread_time)
         scanner, worker = (lambda: self.pipeline.scanner), self._survey_worker

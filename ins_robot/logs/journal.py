@@ -15,6 +15,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
+from typing import Protocol
 
 from ins_robot.errors import InputError, StateError, WireError
 from ins_robot.logs.journal_codec import (
@@ -37,6 +38,7 @@ JOURNAL_NAME = "run.journal"
 
 __all__ = [
     "JOURNAL_NAME",
+    "Journal",
     "JournalHeader",
     "JournalLoss",
     "JournalMessages",
@@ -45,6 +47,19 @@ __all__ = [
     "is_journal",
     "read_journal",
 ]
+
+
+class Journal(Protocol):
+    """Where a run's messages go."""
+
+    def write(self, message: Message) -> None:
+        """Take one message."""
+
+    def flush(self) -> None:
+        """Nothing taken so far can be lost after this."""
+
+    def close(self) -> None:
+        """No message comes after this."""
 
 
 class JournalWriter:

@@ -14,6 +14,7 @@ from ray_world import ROOM, full_turn, scan_at
 from ins_robot.estimation.pose_graph import PoseGraph
 from ins_robot.estimation.wall_directions import (
     SHARP_STD_RAD,
+    SHARP_WITHIN_M,
     WallDirections,
     wall_direction,
     wrap_quarter_rad,
@@ -100,6 +101,19 @@ def test_a_wing_that_is_off_square_keeps_its_own_heading():
     graph.relax()
     assert len(graph.directions_rad) == 2
     assert np.abs(graph.poses[:, 2]).max() < math.radians(0.05)
+
+
+def test_a_vague_direction_counts_only_far_from_sharp_ones():
+    bent = np.array([(-3.0, 1.5, 0.0, 1.5), (0.0, 1.5, 3.0, 1.5 + 3.0 * math.tan(0.05))])
+    vague, sharp = surfels_at(bent, (0.0, 0.0, 0.0)), surfels_at(ROOM, (0.4, 0.3, 0.0))
+    seen = wall_direction(vague)
+    assert seen.std_rad > SHARP_STD_RAD
+    seen_off = vague.at(Pose2(0.0, 0.0, math.radians(3.0) - seen.heading_rad))
+    for way_m, counts in ((SHARP_WITHIN_M - 0.1, False), (SHARP_WITHIN_M + 0.1, True)):
+        graph, directions = PoseGraph(), WallDirections()
+        graph.add_node(np.zeros(3))
+        assert not directions.see(graph, 0, sharp, 0.0)
+        assert directions.see(graph, 0, seen_off, way_m) is counts
 
 
 @settings(max_examples=20, deadline=None)

@@ -8,12 +8,9 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
+from live_robot import Live, live
 
-from ins_robot.config import load
 from ins_robot.core.run_core import RunCore
-from ins_robot.daemon.runtime import Robot
-from ins_robot.simulation.harness import SimulatedRobot
-from ins_robot.simulation.world import World
 
 HEAVY_S = 0.6  # a SLAM step on a slow machine
 
@@ -44,24 +41,12 @@ def test_control_keeps_its_tick_while_a_slam_step_runs(
 
 async def _ticks_of_a_first_scan(directory: Path, computed: threading.Event) -> list[float]:
     """Times at which wheel speeds went out, until the first scan has been computed."""
-    config = load(None)
-    world = World.find("rooms")
-    clock = asyncio.get_running_loop().time
-    start = world.start_pose(None, config.robot.radius_m)
-    simulated = SimulatedRobot(config, world, start, 0, clock())
-    connector = simulated.memory_connector(clock)
-    robot = Robot(config, connector)
     ticks: list[float] = []
-    robot.pipeline.on_tick = lambda _: ticks.append(time.monotonic())
 
-    async def direct() -> None:
-        async with asyncio.timeout(60.0):
-            await robot.pipeline.complete.wait()
-            robot.begin(directory, "tick")
-            await asyncio.to_thread(computed.wait)
-        robot.supervisor.shut_down("seen enough")
+    async def story(at: Live) -> None:
+        at.robot.pipeline.on_tick = lambda _: ticks.append(time.monotonic())
+        at.robot.begin(directory, "tick")
+        await asyncio.to_thread(computed.wait)
 
-    robot.supervisor.add_task("simulator", lambda: simulated.pump(connector))
-    robot.supervisor.add_task("director", direct)
-    await robot.serve()
+    await live(story, directory, world="rooms", timeout_s=60.0)
     return ticks

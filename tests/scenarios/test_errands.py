@@ -5,19 +5,13 @@ import asyncio
 import json
 from pathlib import Path
 
-import numpy as np
 import pytest
+from live_robot import Live, live
 
-from ins_robot.config import load
-from ins_robot.daemon.commands import DaemonCommands
-from ins_robot.daemon.run_store import RunStore
-from ins_robot.daemon.runtime import Robot
 from ins_robot.errors import InputError, StateError
 from ins_robot.geometry.pose2 import Pose2
 from ins_robot.logs.replay_journal import JournalOptions, replay_journal
-from ins_robot.simulation.harness import SimulatedRobot
 from ins_robot.simulation.virtual_clock import run_virtual
-from ins_robot.simulation.world import World
 
 
 def test_the_time_allowed_is_enough_to_come_home(ins_robot, tmp_path: Path) -> None:
@@ -41,72 +35,47 @@ def test_the_time_allowed_is_enough_to_come_home(ins_robot, tmp_path: Path) -> N
 def test_goto_in_a_run_and_after_it_and_zones(tmp_path: Path) -> None:
     """One robot's day: forbid a corner, start, send it about, stop, send it home."""
 
-    async def live() -> None:
-        config = load(None)
-        world = World.find("open_room")
-        clock = asyncio.get_running_loop().time
-        start = world.start_pose(None, config.robot.radius_m)
-        simulated = SimulatedRobot(config, world, start, 0, clock())
-        connector = simulated.memory_connector(clock)
-        robot = Robot(config, connector)
-        commands = DaemonCommands(robot, RunStore(tmp_path))
+    async def story(at: Live) -> None:
+        with pytest.raises(StateError, match="no map"):
+            await at.commands.goto(1.0, 0.0)
+        zone = {"name": "rug", "kind": "no-go", "points": [[9, 9], [10, 9], [9, 10]]}
+        await at.commands.add_zone(zone)
+        with pytest.raises(InputError, match="already one"):
+            await at.commands.add_zone(zone)
+        await at.commands.start("day")
+        await at.until("driving")
+        with pytest.raises(StateError, match="cannot be reached"):
+            await at.commands.goto(60.0, 0.0)
+        await at.commands.goto(0.6, 0.4)
+        scans = at.robot.mission.core.scans
+        while at.robot.mission.core.scans == scans:  # noqa: ASYNC110 - no event
+            await asyncio.sleep(0.1)
+        assert at.true_place.distance_m(Pose2(0.6, 0.4)) < 0.15
+        await at.commands.add_zone({"name": "w", "kind": "wall", "points": [[9, 0], [9, 1]]})
+        await asyncio.sleep(1.0)
+        await at.commands.stop()
+        with pytest.raises(StateError, match="cannot be reached"):
+            await at.commands.goto(60.0, 0.0)
+        await at.commands.goto(0.0, 0.0)
+        await at.robot.finished.wait()
+        assert at.robot.last_goto == "arrived at 0 0"
+        assert at.true_place.distance_m(Pose2()) < 0.15
+        far = {"name": "far", "kind": "no-go", "points": [[0.4, 0], [2, 1], [2, -1]]}
+        await at.commands.add_zone(far)  # after the run, on its map
+        with pytest.raises(StateError, match="no-go zone 'far'"):
+            await at.commands.goto(1.0, 0.0)
+        await at.commands.remove_zone("far")
+        await at.commands.goto(0.6, 0.4)
+        await at.commands.add_zone({**far, "points": [[8, 8], [9, 8], [8, 9]]})
+        await at.robot.finished.wait()
+        assert at.robot.last_goto == "arrived at 0.6 0.4"
+        await at.commands.remove_zone("far")
+        await at.commands.remove_zone("rug")
+        with pytest.raises(InputError, match="no zone 'rug'"):
+            await at.commands.remove_zone("rug")
+        assert [z["name"] for z in await at.commands.zones()] == ["w"]
 
-        def true_place() -> Pose2:
-            return start.between(
-                Pose2.from_array(simulated.body.poses_at(np.array([clock()]))[0])
-            )
-
-        async def direct() -> None:
-            async with asyncio.timeout(400.0):
-                await robot.pipeline.complete.wait()
-                with pytest.raises(StateError, match="no map"):
-                    await commands.goto(1.0, 0.0)
-                zone = {"name": "rug", "kind": "no-go", "points": [[9, 9], [10, 9], [9, 10]]}
-                await commands.add_zone(zone)
-                with pytest.raises(InputError, match="already one"):
-                    await commands.add_zone(zone)
-                await commands.start("day")
-                while str(robot.mission.state) != "driving":  # noqa: ASYNC110 - no event
-                    await asyncio.sleep(0.1)
-                with pytest.raises(StateError, match="cannot be reached"):
-                    await commands.goto(60.0, 0.0)
-                await commands.goto(0.6, 0.4)
-                scans = robot.mission.core.scans
-                while robot.mission.core.scans == scans:  # noqa: ASYNC110 - no event
-                    await asyncio.sleep(0.1)
-                assert true_place().distance_m(Pose2(0.6, 0.4)) < 0.15
-                await commands.add_zone(
-                    {"name": "w", "kind": "wall", "points": [[9, 0], [9, 1]]}
-                )
-                await asyncio.sleep(1.0)
-                await commands.stop()
-                with pytest.raises(StateError, match="cannot be reached"):
-                    await commands.goto(60.0, 0.0)
-                await commands.goto(0.0, 0.0)
-                await robot.finished.wait()
-                assert robot.last_goto == "arrived at 0 0"
-                assert true_place().distance_m(Pose2()) < 0.15
-                far = {"name": "far", "kind": "no-go", "points": [[0.4, 0], [2, 1], [2, -1]]}
-                await commands.add_zone(far)  # after the run, on its map
-                with pytest.raises(StateError, match="no-go zone 'far'"):
-                    await commands.goto(1.0, 0.0)
-                await commands.remove_zone("far")
-                await commands.goto(0.6, 0.4)
-                await commands.add_zone({**far, "points": [[8, 8], [9, 8], [8, 9]]})
-                await robot.finished.wait()
-                assert robot.last_goto == "arrived at 0.6 0.4"
-                await commands.remove_zone("far")
-                await commands.remove_zone("rug")
-                with pytest.raises(InputError, match="no zone 'rug'"):
-                    await commands.remove_zone("rug")
-                assert [z["name"] for z in await commands.zones()] == ["w"]
-            robot.supervisor.shut_down("the day is over")
-
-        robot.supervisor.add_task("simulator", lambda: simulated.pump(connector))
-        robot.supervisor.add_task("director", direct)
-        await robot.serve()
-
-    run_virtual(live())
+    run_virtual(live(story, tmp_path, timeout_s=400.0))
     run = tmp_path / "0001-day"
     assert [z["name"] for z in json.loads((run / "zones.json").read_text())] == ["rug", "w"]
     summary = json.loads((run / "summary.json").read_text())
@@ -118,32 +87,16 @@ def test_goto_in_a_run_and_after_it_and_zones(tmp_path: Path) -> None:
 
 
 def test_a_place_too_far_for_the_budget_is_refused_and_exploring_goes_on(tmp_path: Path):
-    async def live() -> None:
-        config = load(None, ["exploration.max_distance_m=5.9"])
-        world = World.find("open_room")
-        clock = asyncio.get_running_loop().time
-        start = world.start_pose(None, config.robot.radius_m)
-        simulated = SimulatedRobot(config, world, start, 0, clock())
-        connector = simulated.memory_connector(clock)
-        robot = Robot(config, connector)
-        commands = DaemonCommands(robot, RunStore(tmp_path))
+    async def story(at: Live) -> None:
+        await at.commands.start("short")
+        await at.until("driving")
+        with pytest.raises(StateError, match="too far: on the way home"):
+            await at.commands.goto(2.6, 0.45)
+        await at.robot.finished.wait()
 
-        async def direct() -> None:
-            async with asyncio.timeout(400.0):
-                await robot.pipeline.complete.wait()
-                await commands.start("short")
-                while str(robot.mission.state) != "driving":  # noqa: ASYNC110 - no event
-                    await asyncio.sleep(0.1)
-                with pytest.raises(StateError, match="too far: on the way home"):
-                    await commands.goto(2.6, 0.45)
-                await robot.finished.wait()
-            robot.supervisor.shut_down("the day is over")
-
-        robot.supervisor.add_task("simulator", lambda: simulated.pump(connector))
-        robot.supervisor.add_task("director", direct)
-        await robot.serve()
-
-    run_virtual(live())
+    run_virtual(
+        live(story, tmp_path, overrides=("exploration.max_distance_m=5.9",), timeout_s=400.0)
+    )
     run = tmp_path / "0001-short"
     summary = json.loads((run / "summary.json").read_text())
     assert summary["reason"] == "exploration.max_distance_m = 5.9 m is used up"

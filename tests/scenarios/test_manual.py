@@ -4,55 +4,29 @@
 import asyncio
 import json
 import math
-from collections.abc import Awaitable, Callable
 from pathlib import Path
 
 import pytest
+from live_robot import Live, live
 from PIL import Image
 
 from ins_robot.cli.commands.where_next import words
 from ins_robot.cli.main import main
 from ins_robot.config import load
 from ins_robot.core.carried_core import CarriedCore
-from ins_robot.daemon.commands import DaemonCommands
-from ins_robot.daemon.run_store import RunStore
-from ins_robot.daemon.runtime import Robot
 from ins_robot.errors import ConfigError, DeviceError, StateError
 from ins_robot.geometry.pose2 import Pose2
 from ins_robot.mapping import palette
-from ins_robot.simulation.harness import SimulatedRobot
 from ins_robot.simulation.virtual_clock import run_virtual
-from ins_robot.simulation.world import World
 
-Story = Callable[[DaemonCommands, Robot, SimulatedRobot], Awaitable[None]]
-
-
-async def _live(story: Story, runs: Path, base: str = "manual") -> None:
-    config = load(None, [f"base.kind={base}"])
-    world = World.find("rooms")
-    clock = asyncio.get_running_loop().time
-    start = world.start_pose(None, config.robot.radius_m)
-    simulated = SimulatedRobot(config, world, start, 0, clock())
-    connector = simulated.memory_connector(clock)
-    robot = Robot(config, connector, annotate=simulated.annotate)
-    commands = DaemonCommands(robot, RunStore(runs))
-
-    async def direct() -> None:
-        async with asyncio.timeout(300.0):
-            await robot.pipeline.complete.wait()
-            await story(commands, robot, simulated)
-        robot.supervisor.shut_down("the story is told")
-
-    robot.supervisor.add_task("simulator", lambda: simulated.pump(connector))
-    robot.supervisor.add_task("director", direct)
-    await robot.serve()
+MANUAL = ("base.kind=manual",)
 
 
-async def _walk_to_goal(robot: Robot, simulated: SimulatedRobot) -> None:
-    assert robot.mission is not None
-    goal = robot.mission.goal
+async def _walk_to_goal(at: Live) -> None:
+    assert at.robot.mission is not None
+    goal = at.robot.mission.goal
     assert goal is not None
-    await simulated.person.walk(goal.path.points_m, goal.place)
+    await at.simulated.person.walk(goal.path.points_m, goal.place)
 
 
 @pytest.fixture(scope="module")
@@ -88,21 +62,21 @@ def test_the_run_by_hand_replays_to_the_same_run(
 def test_a_scan_that_fits_nowhere_leaves_the_map_and_sends_the_person_back(
     tmp_path: Path,
 ) -> None:
-    async def story(commands: DaemonCommands, robot: Robot, simulated: SimulatedRobot) -> None:
-        await commands.start("lost")
-        await commands.here()
-        await _walk_to_goal(robot, simulated)
-        await commands.here()
-        mission = robot.mission
+    async def story(at: Live) -> None:
+        await at.commands.start("lost")
+        await at.commands.here()
+        await _walk_to_goal(at)
+        await at.commands.here()
+        mission = at.robot.mission
         assert mission is not None
         slam = mission.core.survey.slam
         poses = slam.node_poses
         grid = mission.core.survey.grid.log_odds.copy()
-        await _walk_to_goal(robot, simulated)
-        good = simulated.body.pose
-        simulated.body.carry(Pose2(good.x_m, good.y_m, good.heading_rad + math.pi))
+        await _walk_to_goal(at)
+        good = at.simulated.body.pose
+        at.simulated.body.carry(Pose2(good.x_m, good.y_m, good.heading_rad + math.pi))
         with pytest.raises(StateError, match=r"fits nowhere .* go back towards node 1 and"):
-            await commands.here()
+            await at.commands.here()
         assert (slam.node_poses == poses).all()
         assert (mission.core.survey.grid.log_odds == grid).all()
         assert isinstance(mission.core, CarriedCore)
@@ -110,14 +84,14 @@ def test_a_scan_that_fits_nowhere_leaves_the_map_and_sends_the_person_back(
         assert mission.goal is not None
         assert mission.goal.node_id == 1
         with pytest.raises(StateError, match="no place to skip"):
-            await commands.skip()
-        await _walk_to_goal(robot, simulated)
-        await commands.here()
+            await at.commands.skip()
+        await _walk_to_goal(at)
+        await at.commands.here()
         assert mission.core.scans == 3
-        await commands.skip()
-        await commands.stop()
+        await at.commands.skip()
+        await at.commands.stop()
 
-    run_virtual(_live(story, tmp_path))
+    run_virtual(live(story, tmp_path, world="rooms", overrides=MANUAL, timeout_s=300.0))
     run, again = tmp_path / "0001-lost", tmp_path / "again"
     assert main(["replay", str(run), "--out", str(again)]) == 0
     for name in ("map.pgm", "trajectory.tum", "graph.json"):
@@ -125,89 +99,89 @@ def test_a_scan_that_fits_nowhere_leaves_the_map_and_sends_the_person_back(
 
 
 def test_an_lrf_unplugged_on_the_way_costs_the_scan_and_not_the_run(tmp_path: Path) -> None:
-    async def story(commands: DaemonCommands, robot: Robot, simulated: SimulatedRobot) -> None:
-        await commands.start("cable")
-        await commands.here()
-        goal = (await commands.next())["goal"]
-        lrf, robot.pipeline._lrf = robot.pipeline._lrf, None
+    async def story(at: Live) -> None:
+        await at.commands.start("cable")
+        await at.commands.here()
+        goal = (await at.commands.next())["goal"]
+        lrf, at.robot.pipeline._lrf = at.robot.pipeline._lrf, None
         with pytest.raises(DeviceError, match="not connected"):
-            await commands.here()
-        robot.pipeline._lrf = lrf
-        assert (await commands.next())["goal"] == goal
-        await _walk_to_goal(robot, simulated)
-        await commands.here()
-        assert robot.mission is not None
-        assert robot.mission.core.scans == 2
-        await commands.stop()
+            await at.commands.here()
+        at.robot.pipeline._lrf = lrf
+        assert (await at.commands.next())["goal"] == goal
+        await _walk_to_goal(at)
+        await at.commands.here()
+        assert at.robot.mission is not None
+        assert at.robot.mission.core.scans == 2
+        await at.commands.stop()
 
-    run_virtual(_live(story, tmp_path))
+    run_virtual(live(story, tmp_path, world="rooms", overrides=MANUAL, timeout_s=300.0))
 
 
 def test_what_is_told_leads_to_the_goal_and_is_drawn(tmp_path: Path) -> None:
-    async def story(commands: DaemonCommands, robot: Robot, simulated: SimulatedRobot) -> None:
+    async def story(at: Live) -> None:
         with pytest.raises(StateError, match="no run is under way"):
-            await commands.next()
-        await commands.start("told")
-        assert "where the map shall begin" in words(await commands.next())[0]
-        told = await commands.here()
+            await at.commands.next()
+        await at.commands.start("told")
+        assert "where the map shall begin" in words(await at.commands.next())[0]
+        told = await at.commands.here()
         there = Pose2(
             told["distance_m"] * math.cos(told["bearing_rad"]),
             told["distance_m"] * math.sin(told["bearing_rad"]),
             told["turn_rad"],
         )
-        mission = robot.mission
+        mission = at.robot.mission
         assert mission is not None
         goal = mission.goal
         assert goal is not None
         assert (mission.core.pose @ there).distance_m(goal.place) < 1e-9
         assert words(told)[0].startswith(f"go {told['distance_m']:.2f} m")
-        (tmp_path / "next.png").write_bytes(await commands.next_picture())
+        (tmp_path / "next.png").write_bytes(await at.commands.next_picture())
         with Image.open(tmp_path / "next.png") as picture:
             assert palette.PURPLE in {colour for _, colour in picture.getcolors(1 << 24)}
-        skipped = await commands.skip()
+        skipped = await at.commands.skip()
         assert skipped["goal"] != told["goal"]
-        await commands.pause()
+        await at.commands.pause()
         with pytest.raises(StateError, match="paused"):
-            await commands.here()
-        await commands.resume()
+            await at.commands.here()
+        await at.commands.resume()
         with pytest.raises(StateError, match="there are no motors"):
-            await commands.estop()
-        assert len(await commands.scan()) > 1000  # between two places the LRF is free
-        await commands.stop()
+            await at.commands.estop()
+        assert len(await at.commands.scan()) > 1000  # between two places the LRF is free
+        await at.commands.stop()
 
-    run_virtual(_live(story, tmp_path))
+    run_virtual(live(story, tmp_path, world="rooms", overrides=MANUAL, timeout_s=300.0))
 
 
 def test_an_order_cut_off_by_the_end_of_the_run_is_answered(tmp_path: Path) -> None:
-    async def story(commands: DaemonCommands, robot: Robot, simulated: SimulatedRobot) -> None:
-        await commands.start("short")
-        asked = asyncio.ensure_future(commands.here())
+    async def story(at: Live) -> None:
+        await at.commands.start("short")
+        asked = asyncio.ensure_future(at.commands.here())
         await asyncio.sleep(0.5)
         with pytest.raises(StateError, match="the run is scanning"):
-            await commands.here()
+            await at.commands.here()
         with pytest.raises(StateError, match="needs the LRF itself"):
-            await commands.scan()
-        await commands.stop()
+            await at.commands.scan()
+        await at.commands.stop()
         with pytest.raises(StateError, match="the run has ended: stopped by the operator"):
             await asked
 
-    run_virtual(_live(story, tmp_path))
+    run_virtual(live(story, tmp_path, world="rooms", overrides=MANUAL, timeout_s=300.0))
 
 
 def test_a_robot_on_wheels_tells_its_goal_and_is_not_carried(tmp_path: Path) -> None:
-    async def story(commands: DaemonCommands, robot: Robot, simulated: SimulatedRobot) -> None:
-        assert len(await commands.scan()) > 1000  # idle: whatever base there is
-        await commands.start("wheels")
-        while (await commands.next())["goal"] is None:  # noqa: ASYNC110 - no event for it
+    async def story(at: Live) -> None:
+        assert len(await at.commands.scan()) > 1000  # idle: whatever base there is
+        await at.commands.start("wheels")
+        while (await at.commands.next())["goal"] is None:  # noqa: ASYNC110 - no event for it
             await asyncio.sleep(0.1)
-        assert words(await commands.next())[0].startswith("driving: goal ")
+        assert words(await at.commands.next())[0].startswith("driving: goal ")
         with pytest.raises(StateError, match="drives by itself"):
-            await commands.here()
+            await at.commands.here()
         with pytest.raises(StateError, match="is under way and needs the LRF"):
-            await commands.scan()
-        await commands.stop()
+            await at.commands.scan()
+        await at.commands.stop()
 
-    run_virtual(_live(story, tmp_path, base="omni3"))
+    run_virtual(live(story, tmp_path, world="rooms"))
 
 
 def test_a_carried_lrf_cannot_feed_slam_on_the_way() -> None:

@@ -5,55 +5,18 @@ import asyncio
 import json
 import os
 import threading
-from collections.abc import Awaitable, Callable
 from pathlib import Path
 
 import pytest
+from live_robot import Live, live
 
 from ins_robot.cli.commands.emulate import check_config_out
 from ins_robot.cli.main import main
-from ins_robot.config import load
 from ins_robot.core.run_core import RunCore
 from ins_robot.daemon import runtime
-from ins_robot.daemon.mission import Mission
-from ins_robot.daemon.runtime import Robot
 from ins_robot.errors import InputError, StateError
 from ins_robot.simulation.emulators.motor import MotorEmulator
-from ins_robot.simulation.harness import SimulatedRobot
 from ins_robot.simulation.virtual_clock import run_virtual
-from ins_robot.simulation.world import World
-
-Story = Callable[[Robot, SimulatedRobot], Awaitable[None]]
-
-
-async def _live(story: Story) -> Robot:
-    """A simulated robot with all its devices, for as long as `story` takes."""
-    config = load(None)
-    world = World.find("open_room")
-    clock = asyncio.get_running_loop().time
-    start = world.start_pose(None, config.robot.radius_m)
-    simulated = SimulatedRobot(config, world, start, 0, clock())
-    connector = simulated.memory_connector(clock)
-    robot = Robot(config, connector)
-
-    async def direct() -> None:
-        async with asyncio.timeout(120.0):
-            await robot.pipeline.complete.wait()
-            await story(robot, simulated)
-        robot.supervisor.shut_down("the story is told")
-
-    robot.supervisor.add_task("simulator", lambda: simulated.pump(connector))
-    robot.supervisor.add_task("director", direct)
-    await robot.serve()
-    return robot
-
-
-async def _until(robot: Robot, state: str) -> Mission:
-    mission = robot.mission
-    assert mission is not None
-    while str(mission.state) != state:  # noqa: ASYNC110 - a state has no event
-        await asyncio.sleep(0.1)
-    return mission
 
 
 def _summary(directory: Path) -> dict:
@@ -66,63 +29,63 @@ def _directory(path: Path) -> Path:
 
 
 def test_a_run_stopped_while_paused_leaves_the_next_one_free(tmp_path: Path) -> None:
-    async def story(robot: Robot, simulated: SimulatedRobot) -> None:
-        robot.begin(_directory(tmp_path / "1"), "1")
-        mission = await _until(robot, "driving")
+    async def story(at: Live) -> None:
+        at.robot.begin(_directory(tmp_path / "1"), "1")
+        mission = await at.until("driving")
         await asyncio.sleep(1.5)
         mission.pause()
-        await robot.end("enough")
-        robot.begin(_directory(tmp_path / "2"), "2")
-        await _until(robot, "driving")
-        before_m = simulated.body.path_length_m
+        await at.robot.end("enough")
+        at.robot.begin(_directory(tmp_path / "2"), "2")
+        await at.until("driving")
+        before_m = at.simulated.body.path_length_m
         await asyncio.sleep(3.0)
-        assert simulated.body.path_length_m > before_m + 0.2
-        await robot.end("enough")
+        assert at.simulated.body.path_length_m > before_m + 0.2
+        await at.robot.end("enough")
 
-    run_virtual(_live(story))
+    run_virtual(live(story, tmp_path))
     assert _summary(tmp_path / "2")["state"] == "stopped"
 
 
 def test_a_run_stopped_in_full_drive_leaves_no_motion_to_the_next_one(tmp_path: Path) -> None:
-    async def story(robot: Robot, simulated: SimulatedRobot) -> None:
-        robot.begin(_directory(tmp_path / "1"), "1")
-        await _until(robot, "driving")
+    async def story(at: Live) -> None:
+        at.robot.begin(_directory(tmp_path / "1"), "1")
+        await at.until("driving")
         await asyncio.sleep(2.5)
-        assert robot.pilot.velocity.vx_mps**2 + robot.pilot.velocity.vy_mps**2 > 0.01
-        await robot.end("enough")
+        assert at.robot.pilot.velocity.vx_mps**2 + at.robot.pilot.velocity.vy_mps**2 > 0.01
+        await at.robot.end("enough")
         await asyncio.sleep(1.0)
-        before_m = simulated.body.path_length_m
-        robot.begin(_directory(tmp_path / "2"), "2")
+        before_m = at.simulated.body.path_length_m
+        at.robot.begin(_directory(tmp_path / "2"), "2")
         await asyncio.sleep(1.0)
-        assert simulated.body.path_length_m < before_m + 1e-3
-        await robot.end("enough")
+        assert at.simulated.body.path_length_m < before_m + 1e-3
+        await at.robot.end("enough")
 
-    run_virtual(_live(story))
+    run_virtual(live(story, tmp_path))
 
 
 def test_a_run_stopped_before_it_began_ends(tmp_path: Path) -> None:
-    async def story(robot: Robot, simulated: SimulatedRobot) -> None:
-        robot.begin(tmp_path, "short")
-        await robot.end("at once")
+    async def story(at: Live) -> None:
+        at.robot.begin(tmp_path, "short")
+        await at.robot.end("at once")
 
-    run_virtual(_live(story))
+    run_virtual(live(story, tmp_path))
     summary = _summary(tmp_path)
     assert (summary["state"], summary["reason"], summary["scans"]) == ("stopped", "at once", 0)
 
 
 def test_a_full_disk_ends_the_run_but_not_the_daemon(tmp_path: Path) -> None:
-    async def story(robot: Robot, simulated: SimulatedRobot) -> None:
-        robot.begin(tmp_path, "full")
-        mission = await _until(robot, "driving")
+    async def story(at: Live) -> None:
+        at.robot.begin(tmp_path, "full")
+        mission = await at.until("driving")
         mission.journal._file.close()
         mission.journal._file = full
-        await robot.finished.wait()
-        assert robot.pipeline.missing == []
+        await at.robot.finished.wait()
+        assert at.robot.pipeline.missing == []
 
     if not Path("/dev/full").exists():
         pytest.skip("no /dev/full here")
     with Path("/dev/full").open("wb", buffering=0) as full:
-        run_virtual(_live(story))
+        run_virtual(live(story, tmp_path))
     summary = _summary(tmp_path)
     assert summary["state"] == "failed"
     assert "No space left" in summary["reason"]
@@ -132,32 +95,32 @@ def test_a_full_disk_ends_the_run_but_not_the_daemon(tmp_path: Path) -> None:
 def test_motors_that_fall_silent_for_good_end_the_run(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    async def story(robot: Robot, simulated: SimulatedRobot) -> None:
-        robot.begin(tmp_path, "dead")
-        await _until(robot, "driving")
+    async def story(at: Live) -> None:
+        at.robot.begin(tmp_path, "dead")
+        await at.until("driving")
         monkeypatch.setattr(MotorEmulator, "advance", lambda *_: b"")
-        await robot.finished.wait()
+        await at.robot.finished.wait()
 
-    run_virtual(_live(story))
+    run_virtual(live(story, tmp_path))
     summary = _summary(tmp_path)
     assert summary["state"] == "failed"
     assert "motors: no telemetry" in summary["reason"]
 
 
 def test_a_run_that_cannot_be_saved_is_told_and_the_next_one_may_start(tmp_path: Path) -> None:
-    async def story(robot: Robot, simulated: SimulatedRobot) -> None:
+    async def story(at: Live) -> None:
         lost = _directory(tmp_path / "lost")
-        robot.begin(lost, "lost")
+        at.robot.begin(lost, "lost")
         await asyncio.sleep(1.0)
         lost.rename(tmp_path / "elsewhere")
         with pytest.raises(InputError, match=r"map\.pgm: cannot be written"):
-            await robot.end("enough")
-        assert robot.last_summary is not None
-        assert robot.last_summary["state"] == "failed"
-        robot.begin(_directory(tmp_path / "next"), "next")
-        await robot.end("enough")
+            await at.robot.end("enough")
+        assert at.robot.last_summary is not None
+        assert at.robot.last_summary["state"] == "failed"
+        at.robot.begin(_directory(tmp_path / "next"), "next")
+        await at.robot.end("enough")
 
-    run_virtual(_live(story))
+    run_virtual(live(story, tmp_path))
     assert _summary(tmp_path / "next")["state"] == "stopped"
 
 
@@ -172,13 +135,13 @@ def test_a_bug_in_the_core_leaves_the_map_and_the_truth_about_itself(
             raise ZeroDivisionError("a bug")
         return light(self, job)
 
-    async def story(robot: Robot, simulated: SimulatedRobot) -> None:
-        robot.begin(tmp_path, "buggy")
-        await robot.finished.wait()
+    async def story(at: Live) -> None:
+        at.robot.begin(tmp_path, "buggy")
+        await at.robot.finished.wait()
 
     monkeypatch.setattr(RunCore, "compute", buggy)
     with pytest.raises(ExceptionGroup) as raised:
-        run_virtual(_live(story))
+        run_virtual(live(story, tmp_path))
     assert raised.group_contains(ZeroDivisionError)
     summary = _summary(tmp_path)
     assert (summary["state"], summary["nodes"]) == ("failed", 1)
@@ -194,36 +157,38 @@ def test_saving_in_real_time_disturbs_no_device(
         threading.Event().wait(0.3)  # fifteen telemetry frames come meanwhile
         return save(*saved)
 
-    async def story(robot: Robot, simulated: SimulatedRobot) -> None:
-        robot.begin(tmp_path, "real")
+    async def story(at: Live) -> None:
+        at.robot.begin(tmp_path, "real")
         await asyncio.sleep(0.5)
-        names.append(await robot.snapshot(lambda result: threading.current_thread().name))
-        await robot.end("enough")
+        names.append(await at.robot.snapshot(lambda result: threading.current_thread().name))
+        await at.robot.end("enough")
 
     monkeypatch.setattr(runtime, "write_run", slow)
-    robot = asyncio.run(_live(story))
+    robot = asyncio.run(live(story, tmp_path))
     assert names[0].startswith("survey")  # where nothing changes the grid meanwhile
     for device in ("lrf", "imu", "motors"):
         assert robot.supervisor.reports[device].last_error == ""
 
 
-def test_a_stop_during_clear_is_not_lost(monkeypatch: pytest.MonkeyPatch) -> None:
-    async def story(robot: Robot, simulated: SimulatedRobot) -> None:
-        robot.stop_motors("bumper")
+def test_a_stop_during_clear_is_not_lost(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def story(at: Live) -> None:
+        at.robot.stop_motors("bumper")
 
         async def rearm() -> None:
-            robot.stop_motors("emergency stop")
+            at.robot.stop_motors("emergency stop")
 
-        monkeypatch.setattr(robot.pipeline.motors, "rearm", rearm)
+        monkeypatch.setattr(at.robot.pipeline.motors, "rearm", rearm)
         with pytest.raises(StateError, match="meanwhile"):
-            await robot.release_motors()
-        assert robot.stop_latch.is_set
-        assert robot.pilot.is_stopped
+            await at.robot.release_motors()
+        assert at.robot.stop_latch.is_set
+        assert at.robot.pilot.is_stopped
         monkeypatch.undo()
-        await robot.release_motors()
-        assert not robot.stop_latch.is_set
+        await at.robot.release_motors()
+        assert not at.robot.stop_latch.is_set
 
-    run_virtual(_live(story))
+    run_virtual(live(story, tmp_path))
 
 
 def test_a_run_without_a_map_has_all_keys_too(

@@ -128,5 +128,6 @@ def test_zones_come_back_from_json():
     assert zones_of(zones_as_json(zones)) == zones
     with pytest.raises(InputError, match="already one"):
         zones_of(zones_as_json((STAIRS, STAIRS)))
-    with pytest.raises(InputError, match="kind must be"):
-        zone_of({"name": "a", "kind": "lava", "points": [[0, 0], [1, 0], [0, 1]]})
+    for kind in ("lava", [], None):
+        with pytest.raises(InputError, match="kind must be"):
+            zone_of({"name": "a", "kind": kind, "points": [[0, 0], [1, 0], [0, 1]]})
