@@ -15,6 +15,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from ins_robot.config import Config, load
+from ins_robot.errors import ConfigError
 
 ENVIRONMENT_VARIABLE = "INS_ROBOT_CONFIG"
 SYSTEM_FILE = Path("/etc/ins-robot/config.toml")
@@ -58,5 +59,11 @@ def find_config(
 
 def load_config(args: argparse.Namespace) -> Config:
     """The configuration that `--config`, the environment and `--set` ask for."""
-    path = find_config(getattr(args, "config", None))
-    return load(path, getattr(args, "overrides", ()))
+    explicit: Path | None = getattr(args, "config", None)
+    path = find_config(explicit)
+    try:
+        return load(path, getattr(args, "overrides", ()))
+    except ConfigError as error:
+        if explicit is None and path == Path(os.environ.get(ENVIRONMENT_VARIABLE, "")):
+            raise ConfigError(f"${ENVIRONMENT_VARIABLE}: {error}") from None
+        raise

@@ -3,7 +3,8 @@
 
 A command module has `add_arguments(parser)` and `run(args) -> int` (the exit code), and imports
 what is heavy inside `run`. Data goes to stdout, words to stderr. A known error (RobotError) is
-one line and exit code 1; wrong usage is 2; anything else is a bug and keeps its traceback.
+one line (a configuration: one for each flaw) and exit code 1; wrong usage is 2; anything else
+is a bug and keeps its traceback.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from dataclasses import dataclass
 from types import ModuleType
 
 from ins_robot import __version__
-from ins_robot.errors import RobotError
+from ins_robot.errors import ConfigError, RobotError
 
 EXIT_ERROR = 1
 EXIT_INTERRUPTED = 130  # 128 + SIGINT, as shells count
@@ -74,6 +75,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         return EXIT_BROKEN_PIPE
     except KeyboardInterrupt:
         return EXIT_INTERRUPTED
+    except ConfigError as error:
+        return max(map(_report, str(error).splitlines()))  # one line for each flaw
     except RobotError as error:
         return _report(str(error))
     except OSError as error:

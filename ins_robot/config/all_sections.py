@@ -43,6 +43,7 @@ class Config:
 
     def __post_init__(self) -> None:
         _check_across(self)
+        _check_wheels(self.wheels)
         if self.exploration.boundary is not None:
             _check_boundary(self.exploration.boundary)
 
@@ -68,6 +69,12 @@ def _check_across(config: Config) -> None:
         raise ConfigError(
             f'lrf.port and wheels.port are both "{lrf.port}": two devices need two lines'
         )
+    if abs(config.imu.gyro_sign) != 1.0:
+        raise ConfigError(f"imu.gyro_sign = {config.imu.gyro_sign:g}: must be 1.0 or -1.0")
+
+
+def _check_wheels(wheels: WheelsConfig) -> None:
+    """Refuse what no base on three omni wheels has."""
     for name in ("angles_deg", "signs"):
         values = getattr(wheels, name)
         if len(values) != 3:  # noqa: PLR2004 - three omni wheels is what this base is

@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import field
+from pathlib import Path
 from typing import Any
 
 from ins_robot.outline import Corners
@@ -45,7 +46,7 @@ def checked(value: Any, kind: Any, bounds: Mapping[str, Any]) -> Any:
         choices = bounds["choices"]
         if choices and value not in choices:
             raise ValueError("must be one of " + ", ".join(f'"{c}"' for c in choices))
-        return value
+        return value if choices else _path(value)
     if kind is int:
         if isinstance(value, bool) or not isinstance(value, int):
             raise ValueError("must be a whole number")
@@ -53,6 +54,16 @@ def checked(value: Any, kind: Any, bounds: Mapping[str, Any]) -> Any:
     if kind is float:
         return _bounded(_number(value), bounds)
     return _corners(value) if kind == Corners | None else _numbers(value, bounds)
+
+
+def _path(value: str) -> str:
+    """Text without choices names a device, file or directory; `~` is the home directory."""
+    if not value.strip():
+        raise ValueError("must not be empty")
+    try:
+        return str(Path(value).expanduser()) if value.startswith("~") else value
+    except RuntimeError:
+        raise ValueError("no home directory is known for it") from None
 
 
 def _numbers(value: Any, bounds: Mapping[str, Any]) -> tuple[float, ...]:

@@ -21,7 +21,7 @@ def load(path: Path | None, overrides: Iterable[str] = ()) -> Config:
     Raises
     ------
     ConfigError
-        One line: what is wrong, where, and what it may be.
+        One line for each flaw: what is wrong, where, and what it may be.
     """
     base = Config() if path is None else from_tables(_read_toml(path), str(path))
     return with_overrides(base, overrides)
@@ -74,33 +74,40 @@ def _override_table(override: str) -> dict[str, dict[str, Any]]:
 def from_tables(tables: Mapping[str, Any], where: str, base: Config | None = None) -> Config:
     """Build a `Config` from parsed TOML, on top of `base` (default: the defaults)."""
     base = base or Config()
-    names = [f.name for f in dataclasses.fields(Config)]
-    sections: dict[str, Any] = {}
+    sections = {f.name: getattr(base, f.name) for f in dataclasses.fields(Config)}
+    flaws: list[str] = []
     for name, table in tables.items():
-        if name not in names:
-            raise ConfigError(f"{where}: unknown section [{name}]{_did_you_mean(name, names)}")
         if not isinstance(table, Mapping):
-            raise ConfigError(f"{where}: '{name}' must be a section [{name}], not a value")
-        sections[name] = _section(getattr(base, name), name, table, where)
-    try:
-        return dataclasses.replace(base, **sections)
-    except ConfigError as error:
-        raise ConfigError(f"{where}: {error}") from None
+            owner = next((n for n, s in sections.items() if hasattr(s, name)), "robot")
+            flaws.append(
+                f"'{name}' stands outside of any section; an option belongs below the line "
+                f"of its section, such as [{owner}]"
+            )
+        elif name not in sections:
+            flaws.append(f"unknown section [{name}]{_did_you_mean(name, sections)}")
+        else:
+            sections[name] = _section(sections[name], name, table, flaws)
+    if not flaws:
+        try:
+            return Config(**sections)
+        except ConfigError as error:
+            flaws.append(str(error))
+    raise ConfigError("\n".join(f"{where}: {flaw}" for flaw in flaws))
 
 
-def _section(base: Any, name: str, table: Mapping[str, Any], where: str) -> Any:
+def _section(base: Any, name: str, table: Mapping[str, Any], flaws: list[str]) -> Any:
+    """The section with the values of the table; what is wrong with them goes to `flaws`."""
     hints = get_type_hints(type(base))
     fields = {f.name: f for f in dataclasses.fields(base)}
     values: dict[str, Any] = {}
     for key, value in table.items():
         if key not in fields:
-            raise ConfigError(
-                f"{where}: unknown option '{name}.{key}'{_did_you_mean(key, fields)}"
-            )
+            flaws.append(f"unknown option '{name}.{key}'{_did_you_mean(key, fields)}")
+            continue
         try:
             values[key] = checked(value, hints[key], fields[key].metadata)
         except ValueError as error:
-            raise ConfigError(f"{where}: {name}.{key} = {toml_value(value)}: {error}") from None
+            flaws.append(f"{name}.{key} = {toml_value(value)}: {error}")
     return dataclasses.replace(base, **values)
 
 

@@ -16,7 +16,7 @@ class RobotConfig:
     """The body."""
 
     radius_m: float = option(
-        0.20, "body radius, the circle that must not touch a wall", above=0.0
+        0.20, "body radius, the circle that must not touch a wall", above=0.0, at_most=2.0
     )
 
 
@@ -51,7 +51,10 @@ class WheelsConfig:
         0.15, "distance from the body centre to a wheel", above=0.0, at_most=2.0
     )
     angles_deg: tuple[float, ...] = option(
-        (60.0, 180.0, 300.0), "polar angle of each wheel from the body's x axis, ccw"
+        (60.0, 180.0, 300.0),
+        "polar angle of each wheel from the body's x axis, ccw",
+        at_least=-360.0,
+        at_most=360.0,
     )
     signs: tuple[float, ...] = option(
         (1.0, 1.0, 1.0), "+1 where positive speed drives the body ccw, -1 where wired otherwise"
@@ -135,9 +138,14 @@ class LrfConfig:
     weak_return_factor: float = option(
         3.0, "a reading with the strength warning counts as this much noisier", at_least=1.0
     )
-    x_m: float = option(0.0, "where the LRF sits on the body")
-    y_m: float = option(0.0, "where the LRF sits on the body")
-    yaw_deg: float = option(0.0, "bearing of the first beam; an XV-11 is often near -10")
+    x_m: float = option(0.0, "where the LRF sits on the body", at_least=-2.0, at_most=2.0)
+    y_m: float = option(0.0, "where the LRF sits on the body", at_least=-2.0, at_most=2.0)
+    yaw_deg: float = option(
+        0.0,
+        "bearing of the first beam; an XV-11 is often near -10",
+        at_least=-360.0,
+        at_most=360.0,
+    )
     is_clockwise: bool = option(
         False, "turns clockwise seen from above (upside-down, other makes)"
     )
@@ -150,14 +158,18 @@ class ImuConfig:
     bus: str = option("/dev/i2c-1", "I2C bus, or unix:/path of an emulated one")
     rate_hz: float = option(50.0, "readings per second", above=0.0, at_most=200.0)
     gyro_address: int = option(0x68, "0x69 when AD0 is high", at_least=0, at_most=0x7F)
-    gyro_sign: float = option(1.0, "-1 when mounted upside-down", at_least=-1.0, at_most=1.0)
-    gyro_scale: float = option(1.0, "true rate / reported rate, from calibration", above=0.0)
+    gyro_sign: float = option(1.0, "1.0, or -1.0 when mounted upside-down")
+    gyro_scale: float = option(
+        1.0, "true rate / reported rate, from calibration", at_least=0.5, at_most=2.0
+    )
     bias_time_s: float = option(2.0, "standstill averaged for the bias at start", above=0.0)
     bias_std_max_dps: float = option(
         0.3, "more spread than this is not a standstill", above=0.0
     )
     use_compass: bool = option(True, "false: heading from gyro and LRF alone")
-    compass_yaw_deg: float = option(0.0, "bearing of the compass's x axis on the body")
+    compass_yaw_deg: float = option(
+        0.0, "bearing of the compass's x axis on the body", at_least=-360.0, at_most=360.0
+    )
     field_tolerance: float = option(
         0.2,
         "compass refused when the field norm is off by more (share of the first)",

@@ -65,6 +65,19 @@ class RunStore:
         self._keep_runs = keep_runs
         self._keep_free_mb = keep_free_mb
 
+    def open(self) -> None:
+        """Make the directory, and see that it can be written; before any run needs it."""
+        probe = self.root / f".probe.{os.getpid()}"
+        try:
+            self.root.mkdir(parents=True, exist_ok=True)
+            probe.touch()
+            probe.unlink()
+        except OSError as error:
+            raise InputError(
+                f"daemon.runs = {self.root}: cannot be written: {error.strerror}; name a "
+                "directory that this user may write"
+            ) from None
+
     def create(self, name: str = "") -> Path:
         """A new empty run directory. Older runs beyond `keep_runs` are removed first.
 

@@ -6,8 +6,14 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from ins_robot.cli.config_source import add_config_argument, add_set_argument, find_config
-from ins_robot.config import load, reference_toml, to_toml
+from ins_robot.cli.config_source import (
+    add_config_argument,
+    add_set_argument,
+    find_config,
+    load_config,
+)
+from ins_robot.config import reference_toml, to_toml
+from ins_robot.errors import InputError
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -33,10 +39,13 @@ def run(args: argparse.Namespace) -> int:
     if args.reference:
         print(reference_toml(), end="")
         return 0
-    path = args.file or find_config(getattr(args, "config", None))
-    config = load(path, args.overrides)
+    if args.file is not None:
+        if hasattr(args, "config"):
+            raise InputError(f"--config {args.config} and {args.file}: one file at a time")
+        args.config = args.file
+    config = load_config(args)
     if args.is_printed:
         print(to_toml(config), end="")
     else:
-        print(f"{path or 'defaults'}: ok")
+        print(f"{find_config(getattr(args, 'config', None)) or 'defaults'}: ok")
     return 0

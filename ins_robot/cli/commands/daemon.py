@@ -50,12 +50,13 @@ async def _serve(config: Config) -> None:
     from ins_robot.sensing.drivers.connector import SystemConnector
 
     notifier = SystemdNotifier.from_environment()
-    robot = Robot(config, SystemConnector(), notifier=notifier)
     store = RunStore(
         Path(config.daemon.runs),
         keep_runs=config.daemon.keep_runs,
         keep_free_mb=config.daemon.keep_free_mb,
     )
+    store.open()
+    robot = Robot(config, SystemConnector(), notifier=notifier)
     socket = ControlSocket(Path(config.daemon.socket), DaemonCommands(robot, store))
     await socket.open()
     loop = asyncio.get_running_loop()

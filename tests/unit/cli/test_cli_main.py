@@ -197,6 +197,79 @@ def test_check_config(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
     assert "none.toml: no such configuration file" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ("line", "says"),
+    [
+        ("imu.gyro_sign = 0.3", "imu.gyro_sign = 0.3: must be 1.0 or -1.0"),
+        ('wheels.port = ""', 'wheels.port = "": must not be empty'),
+        ('imu.bus = " "', "must not be empty"),
+        ('daemon.socket = ""', "must not be empty"),
+        ('daemon.runs = ""', "must not be empty"),
+        ("robot.radius_m = 1e9", "must be at most 2"),
+        ("lrf.x_m = 500", "must be at most 2"),
+        ("lrf.yaw_deg = 9999", "must be at most 360"),
+        ("rpm = 250", "'rpm' stands outside of any section; an option belongs below"),
+        ("rpm = 250", "such as [lrf]"),
+        ('daemon.runs = "~nobody-of-that-name/runs"', "no home directory"),
+    ],
+)
+def test_what_no_robot_can_use_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], line: str, says: str
+) -> None:
+    path = tmp_path / "c.toml"
+    path.write_text(line + "\n")
+    assert main(["check-config", str(path)]) == 1
+    err = capsys.readouterr().err
+    assert says in err
+    assert len(err.splitlines()) == 1
+
+
+def test_every_flaw_of_a_file_has_a_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "c.toml"
+    path.write_text("[lrf]\nrpm = 2500.0\nyaw = 3\n[ligth]\n")
+    assert main(["check-config", str(path)]) == 1
+    first, second, third = capsys.readouterr().err.splitlines()
+    assert first == f"ins-robot: {path}: lrf.rpm = 2500.0: must be at most 349"
+    assert "unknown option 'lrf.yaw'; did you mean 'yaw_deg'?" in second
+    assert "unknown section [ligth]" in third
+
+
+def test_a_tilde_is_the_home_directory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("HOME", str(tmp_path))
+    config = load(None, ["daemon.socket=~/s", "daemon.runs=~/runs"])
+    assert (config.daemon.socket, config.daemon.runs) == (f"{tmp_path}/s", f"{tmp_path}/runs")
+
+
+def test_two_configuration_files_are_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["check-config", "--config", "typo.toml", str(tmp_path / "empty.toml")]) == 1
+    assert "one file at a time" in capsys.readouterr().err
+
+
+def test_a_bad_file_of_the_environment_is_told_with_the_variable(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv(ENVIRONMENT_VARIABLE, "nowhere.toml")
+    says = f"ins-robot: ${ENVIRONMENT_VARIABLE}: nowhere.toml: no such configuration file\n"
+    for words in (["check-config"], ["status"]):
+        assert main(words) == 1
+        assert capsys.readouterr().err == says
+
+
+@pytest.mark.parametrize("runs", ["file", "file/runs", "/proc/nope/runs"])
+def test_a_daemon_without_a_place_for_runs_does_not_start(
+    runs: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "file").write_text("")
+    places = [f"daemon.runs={tmp_path / runs}", f"daemon.socket={tmp_path / 's'}"]
+    assert main(["daemon", "--set", places[0], "--set", places[1]]) == 1
+    assert f"ins-robot: daemon.runs = {tmp_path / runs}: " in capsys.readouterr().err
+    assert not (tmp_path / "s").exists()
+
+
 def test_printed_configurations_read_back_equal(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
