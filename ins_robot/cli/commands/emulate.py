@@ -10,7 +10,11 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import os
 import sys
+import tempfile
+import zlib
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -22,6 +26,7 @@ if TYPE_CHECKING:
     from ins_robot.config import Config
     from ins_robot.simulation.harness import SimulatedRobot
 
+SOCKET_PATH_MAX_BYTES = 100  # Linux takes 107; the lock beside it has a longer name
 HEADER = "# Written by `ins-robot emulate`; good while it runs.\n\n"
 
 
@@ -52,7 +57,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Serve the devices until SIGTERM or SIGINT."""
     import asyncio
-    import tempfile
     import time
 
     from ins_robot.simulation.harness import SimulatedRobot
@@ -66,14 +70,27 @@ def run(args: argparse.Namespace) -> int:
     simulated = SimulatedRobot(config, world, start, args.seed, time.monotonic())
     # Short: the path of a Unix socket may have no more than 107 bytes.
     with tempfile.TemporaryDirectory(prefix="ins-robot-") as lines:
-        asyncio.run(
-            _serve(
-                simulated,
-                emulated_config(config, Path(lines), args.config_out),
-                args.config_out,
-            )
-        )
+        emulated = emulated_config(config, Path(lines), args.config_out)
+        with only_emulator(Path(emulated.daemon.runs), args.config_out):
+            asyncio.run(_serve(simulated, emulated, args.config_out))
     return 0
+
+
+@contextlib.contextmanager
+def only_emulator(runs: Path, config_out: Path) -> Iterator[None]:
+    """Refuse a second emulator with one configuration while the first one runs."""
+    import fcntl
+
+    runs.mkdir(parents=True, exist_ok=True)
+    with (runs / ".emulator.lock").open("w") as lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise InputError(
+                f"--config-out {config_out}: another `ins-robot emulate` runs with it; end "
+                "that one, or name another file"
+            ) from None
+        yield
 
 
 def check_config_out(path: Path) -> None:
@@ -87,16 +104,24 @@ def check_config_out(path: Path) -> None:
 
 
 def emulated_config(config: Config, lines: Path, config_out: Path) -> Config:
-    """The configuration with every device on a line in `lines`; runs beside `config_out`."""
+    """The configuration with every device on a line in `lines`.
+
+    Runs and control socket are beside `config_out`: a daemon outlives its emulator, and is
+    still to be reached then.
+    """
     from dataclasses import replace
 
     runs = config_out.absolute().with_suffix(".runs")
+    socket = runs / "control.sock"
+    if len(os.fsencode(socket)) > SOCKET_PATH_MAX_BYTES:
+        digest = zlib.crc32(os.fsencode(runs))
+        socket = Path(tempfile.gettempdir(), f"ins-robot-{os.getuid()}-{digest:08x}.sock")
     return replace(
         config,
         lrf=replace(config.lrf, port=str(lines / "lrf")),
         wheels=replace(config.wheels, port=str(lines / "motors")),
         imu=replace(config.imu, bus=f"unix:{lines / 'imu.sock'}"),
-        daemon=replace(config.daemon, socket=str(lines / "control.sock"), runs=str(runs)),
+        daemon=replace(config.daemon, socket=str(socket), runs=str(runs)),
     )
 
 
@@ -150,7 +175,6 @@ async def _open_carried(
 ) -> str:
     """The LRF alone, carried by lines on stdin; where it is and how."""
     import asyncio
-    import os
 
     from ins_robot.simulation.carry_orders import USAGE, obey
     from ins_robot.simulation.pty_wire import PtyWire
