@@ -32,6 +32,7 @@ def replay_log(
     rng: np.random.Generator,
     clock: Callable[[], float],
     progress: Progress,
+    is_stopped: Callable[[], bool] = lambda: False,
 ) -> RunResult:
     """Run SLAM over a log.
 
@@ -43,6 +44,8 @@ def replay_log(
         Tells seconds for the cost figures; does not influence the result.
     progress : callable
         Is told the share done, 0 to 1, after each scan.
+    is_stopped : callable
+        Asked after each scan; True: the result is of the log up to here.
 
     Raises
     ------
@@ -58,19 +61,23 @@ def replay_log(
         slam.step(step.scan, step.motion, None)
         slam_ms.append(1e3 * (clock() - step_begun_s))
         scan_rows.append(step.row)
-        progress((step.row + 1) / len(log.records))
+        share = (step.row + 1) / len(log.records)
+        progress(share)
+        if is_stopped():
+            break
     if not scan_rows:
         raise InputError(f"{name}: the log has no scan")
 
-    stamps_s = np.array([record.stamp_s for record in log.records])
-    odom_from_base = np.array([record.odom_from_base.as_array() for record in log.records])
+    records = log.records[: scan_rows[-1] + 1] if is_stopped() else log.records
+    stamps_s = np.array([record.stamp_s for record in records])
+    odom_from_base = np.array([record.odom_from_base.as_array() for record in records])
     map_from_base = corrected_by(slam, scan_rows, odom_from_base)
     has_odometry = bool(np.any(odom_from_base))
     duration_s = float(stamps_s.max() - stamps_s.min())
     return RunResult(
         name=name,
-        state=RunState.COMPLETE,
-        reason=f"end of the {log.kind}",
+        state=RunState.STOPPED if is_stopped() else RunState.COMPLETE,
+        reason=f"interrupted at {share:.0%}" if is_stopped() else f"end of the {log.kind}",
         grid=slam.grid,
         stamps_s=stamps_s,
         map_from_base=map_from_base,

@@ -121,8 +121,9 @@ def replay_journal(
     options: JournalOptions,
     timer_s: Callable[[], float],
     on_progress: Callable[[float], None] = lambda share: None,
+    is_stopped: Callable[[], bool] = lambda: False,
 ) -> RunResult:
-    """The run of the journal at `path`, computed again.
+    """The run of the journal at `path`, computed again, up to where `is_stopped` says so.
 
     Raises
     ------
@@ -140,14 +141,19 @@ def replay_journal(
         replay.feed(message)
         if isinstance(message, Mark):
             on_progress(messages.progress)
+            if is_stopped() and replay.core.first_stamp_s is not None:
+                break
     if replay.core.first_stamp_s is None:
         raise InputError(
             f"{path}: the recording ends before any wheel telemetry or scan: nothing to map"
         )
+    reason = (
+        f"interrupted at {messages.progress:.0%}" if is_stopped() else "the recording ends here"
+    )
     end: dict[str, Any] = (
         replay.end.payload
         if replay.end is not None
-        else {"state": "stopped", "reason": "the recording ends here", "lrf_on_s": 0.0}
+        else {"state": "stopped", "reason": reason, "lrf_on_s": 0.0}
     )
     notes: dict[str, Any] = {"replay_of": header.run_name}
     if messages.losses:

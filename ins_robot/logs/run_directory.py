@@ -21,6 +21,7 @@ from ins_robot.core.run_result import RunResult
 from ins_robot.errors import InputError
 from ins_robot.geometry.angles import FloatArray, wrap_rad
 from ins_robot.geometry.pose2 import Pose2
+from ins_robot.logs.journal import JOURNAL_NAME
 from ins_robot.logs.text_lines import split_lines
 from ins_robot.mapping.map_files import TernaryMap, pgm_bytes, yaml_text
 from ins_robot.mapping.map_picture import GapMark, MapPicture, png_bytes
@@ -34,26 +35,46 @@ UNEXPLORED = "unexplored"
 _TUM_WORDS = 8
 
 
-def prepare_directory(path: Path) -> None:
-    """Make `path` a directory that can be written; before the long work, so that none is lost.
-
-    A summary of an earlier run goes: where one is, all the files beside it are of its run.
+def holds_run(path: Path) -> bool:
+    """True when an earlier run is in `path`, which new files may replace; False: nothing is.
 
     Raises
     ------
     InputError
-        If it is a file, or may not be written.
+        If other things are there, which are not ours to write among.
     """
+    names = {entry.name for entry in path.iterdir()} if path.is_dir() else set()
+    if names and not names & {SUMMARY, TRAJECTORY, JOURNAL_NAME}:
+        raise InputError(
+            f"--out {path}: things are there that are no run of ours; name a new directory"
+        )
+    return bool(names)
+
+
+def prepare_directory(path: Path) -> bool:
+    """Make `path` a directory that can be written; before the long work, so that none is lost.
+
+    Of an earlier run the summary goes (where one is, all the files beside it are of its run),
+    and what the new one may not have. True when there was one.
+
+    Raises
+    ------
+    InputError
+        If it is a file, may not be written, or holds other things.
+    """
+    is_replaced = holds_run(path)
     try:
         path.mkdir(parents=True, exist_ok=True)
         probe = path / f".probe.{os.getpid()}"
         probe.write_bytes(b"")
         probe.unlink()
-        (path / SUMMARY).unlink(missing_ok=True)
+        for name in (SUMMARY, TRUTH, ZONES_FILE):
+            (path / name).unlink(missing_ok=True)
     except (FileExistsError, NotADirectoryError):
         raise InputError(f"{path}: is a file, not a directory; choose another --out") from None
     except OSError as error:
         raise InputError(f"{path}: cannot be written: {error.strerror}") from None
+    return is_replaced
 
 
 def write_run(

@@ -4,16 +4,19 @@
 import asyncio
 import json
 import os
+import signal
 import threading
 from pathlib import Path
 
 import pytest
 from live_robot import Live, live
 
-from ins_robot.cli.commands.emulate import check_config_out
+from ins_robot.cli.commands.emulate import check_config_out, emulated_config, only_emulator
 from ins_robot.cli.main import main
+from ins_robot.config import Config
 from ins_robot.core.run_core import RunCore
 from ins_robot.daemon import runtime
+from ins_robot.daemon.mission import Mission
 from ins_robot.errors import InputError, StateError
 from ins_robot.simulation.emulators.motor import MotorEmulator
 from ins_robot.simulation.virtual_clock import run_virtual
@@ -221,6 +224,57 @@ def test_what_is_no_file_is_not_replaced_by_a_configuration(tmp_path: Path) -> N
     with pytest.raises(InputError, match="not from `emulate`"):
         check_config_out(tmp_path / "pipe")
     check_config_out(tmp_path / "new.toml")
+
+
+def test_one_emulated_configuration_belongs_to_one_emulator(tmp_path: Path) -> None:
+    runs, config_out = tmp_path / "c.runs", tmp_path / "c.toml"
+    refused = pytest.raises(InputError, match=r"c\.toml: another `ins-robot emulate` runs")
+    with only_emulator(runs, config_out), refused, only_emulator(runs, config_out):
+        pass
+    with only_emulator(runs, config_out):  # the first has ended
+        pass
+
+
+@pytest.mark.parametrize("length", [1, 120])
+def test_the_socket_of_an_emulated_configuration_outlives_the_emulator(length: int) -> None:
+    config_out = Path("/d" * length, "c.toml")
+    config = emulated_config(Config(), Path("/lines"), config_out)
+    assert config.lrf.port == "/lines/lrf"
+    assert not config.daemon.socket.startswith("/lines/")
+    assert len(config.daemon.socket) <= 100
+    other = emulated_config(Config(), Path("/other"), config_out)
+    assert other.daemon == config.daemon
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_simulation_that_is_interrupted_leaves_its_map(
+    number: signal.Signals,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    async def drive(mission: Mission, *args: object) -> None:
+        signal.raise_signal(number)
+        await asyncio.sleep(3600.0)
+
+    monkeypatch.setattr(Mission, "_drive", drive)
+    assert main(["simulate", "open_room", "--out", str(tmp_path)]) == 130
+    says = f"interrupted; what was mapped so far is in {tmp_path}\n"
+    assert capsys.readouterr().err.endswith(says)
+    summary = _summary(tmp_path)
+    assert (summary["state"], summary["scans"]) == ("stopped", 1)
+
+
+def test_a_simulation_interrupted_at_once_does_not_claim_a_map(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    async def direct(*args: object) -> None:
+        signal.raise_signal(signal.SIGINT)
+        await asyncio.sleep(3600.0)
+
+    monkeypatch.setattr("ins_robot.cli.commands.simulate._direct", direct)
+    assert main(["simulate", "open_room", "--out", str(tmp_path)]) == 130
+    assert "before the run began: no map is in" in capsys.readouterr().err
 
 
 def test_two_devices_on_one_line_are_refused(capsys: pytest.CaptureFixture[str]) -> None:

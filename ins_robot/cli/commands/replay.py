@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ins_robot.cli.config_source import add_config_argument, add_set_argument, load_config
+from ins_robot.cli.interrupts import Interrupts
 from ins_robot.errors import InputError
 
 if TYPE_CHECKING:
@@ -80,27 +81,49 @@ def run(args: argparse.Namespace) -> int:
     from ins_robot.logs.run_directory import MAP_PNG, json_bytes, prepare_directory, write_run
 
     kind, path = find_log(args.log)
-    if args.out.is_file():
-        raise InputError(f"--out {args.out}: is a file, not a directory")
+    _check_out(args.out)
     meter = ProgressLine(f"replay {args.log.name}")
     replay = _recording if kind is LogKind.JOURNAL else _foreign_log
-    try:
-        result = replay(args, kind, path, meter.show)
-    finally:
-        meter.clear()
-    for loss in result.notes.get("recording_losses", ()):
-        print(f"ins-robot: {path}: {loss}", file=sys.stderr)
-    prepare_directory(args.out)
-    summary = write_run(args.out, result)
+    with Interrupts() as interrupts:
+        try:
+            result = replay(args, kind, path, meter.show, lambda: interrupts.is_set)
+        finally:
+            meter.clear()
+        for loss in result.notes.get("recording_losses", ()):
+            print(f"ins-robot: {path}: {loss}", file=sys.stderr)
+        if prepare_directory(args.out):
+            print(f"{args.out}: replaces the run there", file=sys.stderr)
+        summary = write_run(args.out, result)
     if args.json:
         print(json_bytes(summary).decode(), end="")
     else:
         print(args.out / MAP_PNG)
+    if interrupts.is_set:
+        print(f"interrupted; what was computed so far is in {args.out}", file=sys.stderr)
+        raise KeyboardInterrupt
     return 0
 
 
+def _check_out(out: Path) -> None:
+    """Refuse where the files may not go, before the work; a recording keeps its own map."""
+    from ins_robot.logs.journal import JOURNAL_NAME
+    from ins_robot.logs.run_directory import holds_run
+
+    if out.is_file():
+        raise InputError(f"--out {out}: is a file, not a directory")
+    if holds_run(out) and (out / JOURNAL_NAME).exists():
+        raise InputError(
+            f"--out {out}: a recorded run is there, whose files belong to its "
+            f"{JOURNAL_NAME}; name another directory"
+        )
+
+
 def _foreign_log(
-    args: argparse.Namespace, kind: LogKind, path: Path, progress: Callable[[float], None]
+    args: argparse.Namespace,
+    kind: LogKind,
+    path: Path,
+    progress: Callable[[float], None],
+    is_stopped: Callable[[], bool],
 ) -> RunResult:
     """SLAM on what another robot recorded."""
     import numpy as np
@@ -115,11 +138,15 @@ def _foreign_log(
     log = log.with_every(args.every)
     name = args.log.resolve().stem
     rng = np.random.default_rng(config.slam.seed)
-    return replay_log(log, config, name, rng, time.perf_counter, progress)
+    return replay_log(log, config, name, rng, time.perf_counter, progress, is_stopped)
 
 
 def _recording(
-    args: argparse.Namespace, kind: LogKind, path: Path, progress: Callable[[float], None]
+    args: argparse.Namespace,
+    kind: LogKind,
+    path: Path,
+    progress: Callable[[float], None],
+    is_stopped: Callable[[], bool],
 ) -> RunResult:
     """One of our own runs, computed again with the configuration it had."""
     from ins_robot.logs.replay_journal import JournalOptions, replay_journal
@@ -133,7 +160,7 @@ def _recording(
     options = JournalOptions(
         overrides=args.overrides, use_odometry=not args.no_odometry, every=args.every
     )
-    return replay_journal(path, options, time.perf_counter, progress)
+    return replay_journal(path, options, time.perf_counter, progress, is_stopped)
 
 
 class ProgressLine:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ins_robot.cli.config_source import add_config_argument, add_set_argument, load_config
+from ins_robot.cli.interrupts import TerminateAsInterrupt
 from ins_robot.errors import InputError
 
 if TYPE_CHECKING:
@@ -54,7 +55,7 @@ def run(args: argparse.Namespace) -> int:
 
     from ins_robot.daemon.logging_setup import set_up
     from ins_robot.daemon.zone_store import read_zones
-    from ins_robot.logs.run_directory import json_bytes, prepare_directory
+    from ins_robot.logs.run_directory import SUMMARY, json_bytes, prepare_directory
     from ins_robot.simulation.virtual_clock import run_virtual
     from ins_robot.simulation.world import World
 
@@ -65,12 +66,16 @@ def run(args: argparse.Namespace) -> int:
     world = World.find(args.world)
     start = world.start_pose(parse_start(args.start), config.robot.radius_m)
     zones = read_zones(args.zones) if args.zones is not None else ()
-    prepare_directory(args.out)
+    if prepare_directory(args.out):
+        print(f"{args.out}: replaces the run there", file=sys.stderr)
     set_up("warning")
     try:
-        summary = run_virtual(_simulate(config, world, start, args.out, zones))
+        with TerminateAsInterrupt():
+            summary = run_virtual(_simulate(config, world, start, args.out, zones))
     except KeyboardInterrupt:
-        print(f"interrupted; what was mapped so far is in {args.out}", file=sys.stderr)
+        is_saved = (args.out / SUMMARY).exists()
+        kept = "what was mapped so far is" if is_saved else "before the run began: no map is"
+        print(f"interrupted; {kept} in {args.out}", file=sys.stderr)
         raise
     if args.json:
         print(json_bytes(summary).decode(), end="")

@@ -3,6 +3,7 @@
 
 import json
 import math
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -10,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ins_robot.cli.commands.replay import ProgressLine
 from ins_robot.cli.main import main
 from ins_robot.config import Config
 from ins_robot.geometry.angles import wrap_rad
@@ -180,3 +182,32 @@ def test_replay_of_a_log_needs_neither_filterpy_nor_matplotlib(log, tmp_path):
     )
     assert done.returncode == 0, done.stderr
     assert Path(done.stdout.strip()) == tmp_path / "map.png"
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_replay_that_is_interrupted_keeps_what_it_has(
+    log, tmp_path, monkeypatch, capsys, number
+):
+    def show(meter, share):
+        if share > 0.5:
+            signal.raise_signal(number)
+
+    monkeypatch.setattr(ProgressLine, "show", show)
+    out = tmp_path / "out"
+    assert main(["replay", str(log[0]), "--out", str(out)]) == 130
+    assert capsys.readouterr().err == f"interrupted; what was computed so far is in {out}\n"
+    summary = json.loads((out / "summary.json").read_text())
+    assert (summary["state"], summary["reason"]) == ("stopped", "interrupted at 50%")
+    assert len(read_tum(out / "trajectory.tum")[0]) == 121
+    assert signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler)
+
+
+def test_a_replay_says_what_it_replaces_and_spares_a_recording(log, tmp_path, capsys):
+    words = ["replay", str(log[0]), "--every", "30", "--out", str(tmp_path / "out")]
+    assert main(words) == 0
+    assert capsys.readouterr().err == ""
+    assert main(words) == 0
+    assert capsys.readouterr().err == f"{tmp_path / 'out'}: replaces the run there\n"
+    (tmp_path / "out" / "run.journal").write_bytes(b"a recording")
+    assert main(words) == 1
+    assert "a recorded run is there" in capsys.readouterr().err

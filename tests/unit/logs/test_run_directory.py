@@ -160,3 +160,14 @@ def test_an_out_that_is_a_file_is_refused_before_the_work(tmp_path):
             run_directory.prepare_directory(path)
     run_directory.prepare_directory(tmp_path / "new" / "deep")
     assert list((tmp_path / "new" / "deep").iterdir()) == []
+
+
+def test_an_out_may_hold_a_run_of_ours_and_nothing_else(tmp_path):
+    assert not run_directory.prepare_directory(tmp_path / "new")
+    run_directory.write_run(tmp_path / "new", result())
+    (tmp_path / "new" / "truth.tum").write_text("of the run before")
+    assert run_directory.prepare_directory(tmp_path / "new")
+    assert not (tmp_path / "new" / "summary.json").exists()
+    assert not (tmp_path / "new" / "truth.tum").exists()
+    with pytest.raises(InputError, match="no run of ours; name a new directory"):
+        run_directory.prepare_directory(tmp_path)
