@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 
 from ins_robot import __version__
 from ins_robot.core.run_result import RunResult
+from ins_robot.daemon.after_run import AfterRun
 from ins_robot.daemon.directions import directions, picture_with
 from ins_robot.daemon.drawing import draw_elsewhere
 from ins_robot.daemon.manual_mission import ManualMission
@@ -37,10 +38,14 @@ class DaemonCommands:
 
     async def start(self, name: str) -> str:
         """Begin a run; its full name."""
-        if self._robot.mission is not None:
-            raise StateError(
-                f"run '{self._robot.mission.name}' is under way: `ins-robot stop` ends it"
+        under_way = self._robot.mission
+        if under_way is not None:
+            what = (
+                "a drive by goto"
+                if isinstance(under_way, AfterRun)
+                else f"run '{under_way.name}'"
             )
+            raise StateError(f"{what} is under way: `ins-robot stop` ends it")
         missing = self._robot.pipeline.missing
         if missing:
             reports = self._robot.supervisor.reports
@@ -116,12 +121,21 @@ class DaemonCommands:
         if self._robot.mission is None:
             path = self._store.latest_with(FILES[format])
             if path is None:
-                raise StateError("no map yet: `ins-robot start` makes one")
+                raise StateError(self._why_no_map())
             return path.read_bytes()
         if format == "png":
             picture = await self._robot.snapshot(picture_of)
             return await asyncio.to_thread(draw_elsewhere, picture)
         return await self._robot.snapshot(lambda result: _encoded(result, format))
+
+    def _why_no_map(self) -> str:
+        names = self._store.names()
+        if not names:
+            return "no map yet: `ins-robot start` makes one"
+        return (
+            f"no map yet: run '{names[-1]}' was interrupted; "
+            f"`ins-robot replay {self._store.path(names[-1])} --out DIR` makes its map"
+        )
 
     async def next(self) -> dict[str, Any]:
         """Where the run goes next."""
@@ -160,6 +174,11 @@ class DaemonCommands:
 
     async def goto(self, x_m: float, y_m: float) -> None:
         """Drive to a place, in a run or after one."""
+        if self._robot.stop_latch.is_set:
+            raise StateError(
+                f"goto: stopped: {self._robot.stop_latch.reason}; `ins-robot clear` releases "
+                "it, then `ins-robot resume` when a run is paused"
+            )
         await self._robot.go_to((float(x_m), float(y_m)))
 
     async def zones(self) -> list[dict[str, Any]]:

@@ -131,8 +131,8 @@ class ManualMission(RunUnderWay):
         node = nodes[-1]
         assert self.goal is not None
         why = (
-            f"the scan here fits nowhere for certain; go back towards node {node.id} "
-            "and try again"
+            "the scan here fits nowhere for certain; if the LRF still stands on node "
+            f"{node.id}, carry it as told; else go back towards node {node.id} and try again"
         )
         self._retreat = self._retreat or Retreat(self.goal.path, node.pose)
         self.goal = Drive(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Zones are written beside the event loop, one change after the other."""
+"""Zones are written beside the event loop, one change after the other; refusals teach."""
 
 import asyncio
 import os
@@ -9,9 +9,12 @@ from types import SimpleNamespace
 
 import pytest
 
+from ins_robot.daemon.after_run import AfterRun
 from ins_robot.daemon.commands import DaemonCommands
 from ins_robot.daemon.run_store import RunStore
+from ins_robot.daemon.supervisor import StopLatch
 from ins_robot.daemon.zone_store import read_zones
+from ins_robot.errors import StateError
 
 
 def test_the_loop_does_not_wait_for_the_disk_and_no_change_is_lost(
@@ -41,3 +44,23 @@ def test_the_loop_does_not_wait_for_the_disk_and_no_change_is_lost(
     kept = [zone.name for zone in read_zones(tmp_path / "zones.json")]
     assert sorted(kept) == list("acdefgh")
     assert forbidden[-1] == kept
+
+
+@pytest.mark.parametrize(
+    ("mission", "order", "says"),
+    [
+        (
+            None,
+            lambda at: at.goto(1.0, 2.0),
+            "stopped: bumper; `ins-robot clear` releases it, ",
+        ),
+        (None, lambda at: at.map("png"), r"run '0001-lab' was interrupted; `ins-robot replay "),
+        (object.__new__(AfterRun), lambda at: at.start(""), "a drive by goto is under way"),
+    ],
+)
+def test_a_refusal_says_what_to_do(mission, order, says: str, tmp_path: Path) -> None:
+    store = RunStore(tmp_path)
+    store.create("lab")
+    robot = SimpleNamespace(mission=mission, stop_latch=StopLatch("bumper"))
+    with pytest.raises(StateError, match=says):
+        asyncio.run(order(DaemonCommands(robot, store)))
