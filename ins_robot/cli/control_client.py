@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from ins_robot.cli.config_source import load_config
+from ins_robot.config import DaemonConfig
 from ins_robot.daemon import control_protocol as protocol
 from ins_robot.errors import StateError
 
@@ -29,6 +30,13 @@ SLOW_REPLY_TIMEOUTS_S = {  # these draw a picture or take a scan; a Pi 3 takes i
     "skip": 60.0,
     "scan": 120.0,
 }
+
+
+def _remedy(path: Path) -> str:
+    """What to do when the daemon does not answer; the service is the one of the defaults."""
+    if str(path) == DaemonConfig().socket:
+        return "systemctl status ins-robot"
+    return "start `ins-robot daemon` with this configuration"
 
 
 def request(args: argparse.Namespace, command: str, **arguments: Any) -> Any:
@@ -57,7 +65,7 @@ def ask(path: Path, wanted: protocol.Request, timeout_s: float = REPLY_TIMEOUT_S
         except TimeoutError:
             raise StateError(
                 f"the daemon at {path} did not answer '{wanted.command}' within "
-                f"{timeout_s:g} s: busy or hung? systemctl status ins-robot"
+                f"{timeout_s:g} s: busy or hung? see its log"
             ) from None
         except PermissionError:
             raise StateError(
@@ -66,10 +74,10 @@ def ask(path: Path, wanted: protocol.Request, timeout_s: float = REPLY_TIMEOUT_S
             ) from None
         except OSError:
             raise StateError(
-                f"no daemon answers at {path}: is it running? systemctl status ins-robot"
+                f"no daemon answers at {path}: is it running? {_remedy(path)}"
             ) from None
     if not line:
-        raise StateError(f"the daemon at {path} hung up: systemctl status ins-robot")
+        raise StateError(f"the daemon at {path} hung up: see its log")
     return protocol.decode_reply(line)
 
 

@@ -134,7 +134,7 @@ def _parsers() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentPars
         allow_abbrev=False,
     )
     parser.add_argument("--version", action="version", version=f"ins-robot {__version__}")
-    group = parser.add_subparsers(dest="command", metavar="COMMAND", help="one of these")
+    group = parser.add_subparsers(dest="command", metavar="COMMAND", help=argparse.SUPPRESS)
     subparsers = {
         command.name: group.add_parser(
             command.name,

@@ -16,7 +16,7 @@ from ins_robot.errors import InputError, StateError
 MAP = {
     "png": b"\x89PNG\r\n\x1a\n\x00\xff" + bytes(range(256)),
     "pgm": b"P5 ",
-    "yaml": b"image: ",
+    "yaml": b"image: map.pgm\n",
 }
 
 
@@ -42,12 +42,13 @@ class FakeRobot:
         self.stopping: asyncio.Event | None = None
         self.bug: Exception | None = None
         self.extra_status: dict[str, Any] = {}
+        self.is_bare = False
 
     async def start(self, name: str) -> str:
         self.calls.append(("start", name))
         if name == "again":
             raise StateError("a run is going on: `ins-robot stop` ends it")
-        return f"0001-{name or 'run'}"
+        return f"0001-{name.replace('/', '-') or 'run'}"
 
     async def stop(self) -> str:
         self.calls.append("stop")
@@ -103,6 +104,8 @@ class FakeRobot:
             raise StateError(f"goto {x_m:g} {y_m:g}: cannot be reached: nobody has been there")
 
     async def zones(self) -> list[dict[str, Any]]:
+        if self.is_bare:
+            return []
         return [{"name": "stairs", "kind": "no-go", "points": [[1, 2], [3, 2], [3, -4.5]]}]
 
     async def add_zone(self, zone: dict[str, Any]) -> None:
@@ -115,6 +118,7 @@ class FakeRobot:
         return [
             {"name": "0001-lab", "state": "complete", "duration_s": 61.4, "scans": 7},
             {"name": "0002-run", "state": "interrupted", "duration_s": None},
+            *([{"name": "0001-run", "state": "stopped", "scans": 0}] if self.is_bare else []),
         ]
 
     async def delete_runs(self, names: list[str]) -> None:

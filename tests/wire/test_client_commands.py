@@ -15,8 +15,10 @@ from pathlib import Path
 import pytest
 from fake_robot import MAP, FakeRobot, served
 
+from ins_robot.cli import config_source
 from ins_robot.cli.control_client import ask
 from ins_robot.cli.main import main
+from ins_robot.config import DaemonConfig
 from ins_robot.daemon.control_protocol import Request
 from ins_robot.errors import InputError, StateError
 
@@ -70,15 +72,73 @@ def test_a_refusal_is_one_line_and_exit_code_1(
 def test_status_for_people_and_for_programs(
     robot: FakeRobot, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["status"]) == 0
+    assert main(["status", "--verbose"]) == 0
     assert capsys.readouterr().out.splitlines() == [
         "state             exploring",
         "pose.x_m          1.25",
         "pose.heading_rad  -",
     ]
+    assert main(["status"]) == 0
+    assert capsys.readouterr().out.splitlines() == [
+        "state    exploring",
+        "run      -",
+        "pose     x 1.25 m, y - m, heading - deg",
+        "faults   none",
+        "devices  all there",
+    ]
     assert main(["status", "--json"]) == 0
     status = json.loads(capsys.readouterr().out)
     assert status == {"state": "exploring", "pose": {"x_m": 1.25, "heading_rad": None}}
+
+
+def test_status_begins_with_what_a_person_asks_first(
+    robot: FakeRobot, capsys: pytest.CaptureFixture[str]
+) -> None:
+    left = [{"state": "too_narrow"}, {"state": "unreachable"}, {"state": "too_narrow"}]
+    robot.extra_status = {
+        "pose": {"x_m": 1.25, "y_m": -0.5, "heading_rad": 1.5708},
+        "scans": 7,
+        "sweeps": 3,
+        "path_length_m": 12.34,
+        "duration_s": 61.4,
+        "battery_v": 11.96,
+        "stop": "bumper",
+        "missing": ["lrf"],
+        "tasks": {"lrf": {"last_error": "lrf: gone"}},
+        "health": {"stale": ["imu"]},
+        "last_run": {"name": "0001-lab", "state": "complete", "reason": "all", "left": left},
+        "last_goto": "arrived at 1 2",
+    }
+    assert main(["status"]) == 0
+    assert capsys.readouterr().out.splitlines() == [
+        "state      exploring",
+        "run        -",
+        "pose       x 1.25 m, y -0.50 m, heading 90 deg",
+        "scans      7, and 3 sweeps",
+        "way        12.3 m in 61 s",
+        "battery    12.0 V",
+        "faults     bumper; silent: imu",
+        "devices    missing lrf (lrf: gone)",
+        "last run   0001-lab, complete: all; "
+        "3 places left unseen (2 too narrow, 1 unreachable), see summary.json `left`",
+        "last goto  arrived at 1 2",
+    ]
+
+
+def test_a_name_that_was_changed_and_a_blank_map_are_told(
+    robot: FakeRobot, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["start", "--name", "a/b"]) == 0
+    out, err = capsys.readouterr()
+    assert out == "0001-a-b\n"
+    assert err.startswith("'a/b' is called 0001-a-b: ")
+    robot.is_bare = True
+    assert main(["stop"]) == 0
+    out, err = capsys.readouterr()
+    assert (out, err) == (
+        "0001-run\n",
+        "0001-run ended before its first scan: its map is blank\n",
+    )
 
 
 def test_runs_are_listed_and_deleted(
@@ -89,7 +149,9 @@ def test_runs_are_listed_and_deleted(
     assert header.split() == ["NAME", "STATE", "DURATION", "PATH", "SCANS", "SIZE"]
     assert first.split() == ["0001-lab", "complete", "61", "s", "-", "7", "-"]
     assert second.split()[:2] == ["0002-run", "interrupted"]
-    assert main(["runs", "--json"]) == 0
+    assert main(["runs", "list"]) == 0
+    assert capsys.readouterr().out.splitlines() == [header, first, second]
+    assert main(["runs", "--json", "list"]) == 0
     assert [run["name"] for run in json.loads(capsys.readouterr().out)] == [
         "0001-lab",
         "0002-run",
@@ -129,8 +191,8 @@ def test_scan_is_a_picture_in_a_file(robot: FakeRobot, tmp_path: Path) -> None:
         (["-o", "a"], "png"),
         (["-o", "a.png"], "png"),
         (["-o", "a.PGM"], "pgm"),
-        (["-o", "a.yaml"], "yaml"),
-        (["-o", "a.pgm", "--format", "png"], "png"),
+        (["-o", "a.map", "--format", "png"], "png"),
+        (["-o", "a", "--format", "pgm"], "pgm"),
     ],
 )
 def test_map_to_a_file(
@@ -145,6 +207,29 @@ def test_map_to_a_file(
     assert Path(options[1]).read_bytes() == MAP[wanted]
     assert robot.calls == [("map", wanted)]
     assert not list(tmp_path.glob(".a*"))  # nothing half-written is left
+
+
+def test_a_map_s_description_names_the_image_beside_it(
+    robot: FakeRobot, tmp_path: Path
+) -> None:
+    assert main(["map", "-o", str(tmp_path / "m1.yaml")]) == 0
+    assert (tmp_path / "m1.yaml").read_bytes() == b"image: m1.pgm\n"
+    assert (tmp_path / "m1.pgm").read_bytes() == MAP["pgm"]
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        ("-o m2.png --format yaml", "the ending says png"),
+        ("-o m1.foo", "a map ends in .png .pgm .yaml"),
+    ],
+)
+def test_a_map_s_ending_must_fit_its_format(
+    robot: FakeRobot, words: str, says: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["map", *words.split()]) == 1
+    assert says in capsys.readouterr().err
+    assert robot.calls == []
 
 
 def test_map_to_a_pipe_is_the_very_bytes(robot: FakeRobot, config: Path) -> None:
@@ -195,8 +280,18 @@ def test_without_a_daemon_every_client_command_says_so(
     assert main([*command, "--config", str(config)]) == 1
     assert capsys.readouterr().err == (
         f"ins-robot: no daemon answers at {tmp_path}/s: is it running? "
-        "systemctl status ins-robot\n"
+        "start `ins-robot daemon` with this configuration\n"
     )
+
+
+def test_without_the_service_its_state_is_to_be_asked(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(config_source, "find_config", lambda explicit: None)
+    if Path(DaemonConfig().socket).exists():
+        pytest.skip("the robot's own daemon runs here")
+    assert main(["status"]) == 1
+    assert "is it running? systemctl status ins-robot\n" in capsys.readouterr().err
 
 
 def test_a_socket_nobody_listens_on_any_more_counts_as_no_daemon(tmp_path: Path) -> None:
@@ -289,6 +384,9 @@ def test_goto_and_zones_reach_the_robot(
     assert capsys.readouterr().out == ""
     assert main(["zones", "list"]) == 0
     assert capsys.readouterr().out == "no-go  stairs  1,2 3,2 3,-4.5\n"
+    robot.is_bare = True
+    assert main(["zones", "list"]) == 0
+    assert capsys.readouterr().out == "no zones\n"
 
 
 @pytest.mark.parametrize(

@@ -12,9 +12,11 @@ from ins_robot.cli.config_source import (
     find_config,
     load_config,
 )
+from ins_robot.cli.left_unseen import left_words
 
 if TYPE_CHECKING:
     from ins_robot.config import Config
+    from ins_robot.core.run_result import RunResult
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -37,6 +39,15 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
+def _tell_left(result: RunResult) -> RunResult:
+    """Log what the run that ends has left unseen."""
+    import logging
+
+    if words := left_words(result.notes):
+        logging.getLogger("ins_robot").warning("%s: %s", result.name, words)
+    return result
+
+
 async def _serve(config: Config) -> None:
     import asyncio
     import signal
@@ -56,7 +67,7 @@ async def _serve(config: Config) -> None:
         keep_free_mb=config.daemon.keep_free_mb,
     )
     store.open()
-    robot = Robot(config, SystemConnector(), notifier=notifier)
+    robot = Robot(config, SystemConnector(), notifier=notifier, annotate=_tell_left)
     socket = ControlSocket(Path(config.daemon.socket), DaemonCommands(robot, store))
     await socket.open()
     loop = asyncio.get_running_loop()

@@ -16,9 +16,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     parser.add_argument("--json", action="store_true", help="a JSON list on stdout")
     add_config_argument(parser)
-    parser.usage = "ins-robot runs [-h] [--json] [--config F] [delete NAME ...]"
-    actions = parser.add_subparsers(dest="action", metavar="delete", prog="ins-robot runs")
-    delete = actions.add_parser("delete", help="remove runs", allow_abbrev=False)
+    parser.usage = "ins-robot runs [-h] [--json] [--config F] [list | delete NAME ...]"
+    actions = parser.add_subparsers(dest="action", metavar="ACTION", prog="ins-robot runs")
+    listed = actions.add_parser(
+        "list", help="the default", description="List the recorded runs.", allow_abbrev=False
+    )
+    listed.add_argument(
+        "--json", action="store_true", default=argparse.SUPPRESS, help="as a JSON list"
+    )
+    add_config_argument(listed)
+    delete = actions.add_parser(
+        "delete",
+        help="remove runs",
+        description="Remove runs with all their files: all that are named, or none.",
+        allow_abbrev=False,
+    )
     delete.add_argument("names", nargs="+", metavar="NAME", help="as `ins-robot runs` lists it")
     add_config_argument(delete)
 

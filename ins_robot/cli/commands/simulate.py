@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from ins_robot.cli.config_source import add_config_argument, add_set_argument, load_config
 from ins_robot.cli.interrupts import TerminateAsInterrupt
+from ins_robot.cli.left_unseen import left_words
 from ins_robot.errors import InputError
 
 if TYPE_CHECKING:
@@ -197,5 +198,8 @@ def describe(summary: dict[str, Any], directory: Path) -> str:
             f"localization {summary['localization_rmse_m']:.3f} m / "
             f"{summary['heading_rmse_deg']:.2f} deg, collisions {summary['collisions']}"
         )
-    lines.append(f"map: {directory / 'map.png'}")
+    if left := left_words(summary):
+        lines.append(left)
+    blank = "" if summary["scans"] else " (blank: the run ended before its first scan)"
+    lines.append(f"map: {directory / 'map.png'}{blank}")
     return "\n".join(lines)

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 
 from ins_robot.cli.config_source import add_config_argument
 from ins_robot.cli.control_client import request
@@ -22,5 +23,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Ask for a run."""
-    print(request(args, "start", name=args.name))
+    given = request(args, "start", name=args.name)
+    print(given)
+    if args.name and not given.endswith(f"-{args.name}"):
+        print(
+            f"'{args.name}' is called {given}: a name has letters, digits, - and _, at most 64",
+            file=sys.stderr,
+        )
     return 0

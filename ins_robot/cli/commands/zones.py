@@ -23,17 +23,29 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "add",
         prog="ins-robot zones add",
         help="forbid a polygon, or crossing a line",
+        description="Forbid the ground in a polygon, or crossing a line, in the run under way "
+        "and all later ones.",
         allow_abbrev=False,
     )
     add.add_argument("kind", choices=list(map(str, ZoneKind)), help="polygon or line")
-    add.add_argument("name", metavar="NAME")
+    add.add_argument("name", metavar="NAME", help="what to call it, for `zones remove`")
     add.add_argument(
         "numbers", metavar="X Y", type=metres, nargs="+", help="corners in metres; start: 0 0"
     )
-    listed = actions.add_parser("list", help="print them", allow_abbrev=False)
+    listed = actions.add_parser(
+        "list",
+        help="print them",
+        description="Print all no-go zones and virtual walls, one a line.",
+        allow_abbrev=False,
+    )
     listed.add_argument("--json", action="store_true", help="a JSON list on stdout")
-    remove = actions.add_parser("remove", help="allow again", allow_abbrev=False)
-    remove.add_argument("name", metavar="NAME")
+    remove = actions.add_parser(
+        "remove",
+        help="allow again",
+        description="Allow again what a zone or wall forbids.",
+        allow_abbrev=False,
+    )
+    remove.add_argument("name", metavar="NAME", help="as `ins-robot zones list` tells it")
     for action in (add, listed, remove):
         add_config_argument(action)
 
@@ -51,7 +63,8 @@ def run(args: argparse.Namespace) -> int:
         request(args, "remove_zone", name=args.name)
     else:
         zones = request(args, "zones")
-        print(json.dumps(zones, indent=2) if args.json else "\n".join(map(_line, zones)))
+        lines = [_line(zone) for zone in zones] or ["no zones"]
+        print(json.dumps(zones, indent=2) if args.json else "\n".join(lines))
     return 0
 
 

@@ -69,6 +69,26 @@ def test_help_lists_every_command_on_one_line_and_imports_none() -> None:
         )
 
 
+@pytest.mark.parametrize(
+    "words", ["zones add", "zones list", "zones remove", "runs delete", "runs list"]
+)
+def test_help_of_an_action_says_what_it_does(
+    words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit):
+        main([*words.split(), "--help"])
+    paragraphs = capsys.readouterr().out.split("\n\n")
+    assert paragraphs[1].rstrip().endswith(".")
+
+
+def test_help_lists_the_commands_once(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["--help"])
+    out = capsys.readouterr().out
+    assert "positional arguments" not in out
+    assert "==SUPPRESS==" not in out
+
+
 def test_every_module_of_a_client_command_keeps_the_contract() -> None:
     for entry in COMMANDS:
         if entry.name in ("daemon", "simulate", "emulate", "replay"):
