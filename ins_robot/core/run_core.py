@@ -94,15 +94,18 @@ class RunCore:
         self.path_length_m = 0.0
         self.scans = 0
         self.sweeps = 0
-        self.is_recorded = True  # the way driven is kept
+        self.is_recorded = True  # False: the run is over, its figures stay; the pose goes on
         self.first_stamp_s: float | None = None
         self.last_stamp_s = 0.0
         self._revolutions: list[LaserScan] = []
         self._odom_at_scans: dict[float, Pose2] = {}  # by stamp; prepared, perhaps not computed
         self._located_at_s: float | None = None
         self._recorded_at_s = -math.inf
+        self._recorded_odom = Pose2()  # at the last frame of the run
+        self._now_s = 0.0
         self._last_odom = Pose2()
-        self._looked_at_m = 0.0  # path length then
+        self._way_m = 0.0  # driven, after the run too
+        self._looked_at_m = 0.0  # of that way
 
     @property
     def pose(self) -> Pose2:
@@ -114,7 +117,7 @@ class RunCore:
         """How far off the position may be since the last scan that located the robot."""
         if self._located_at_s is None:
             return 0.0
-        now_s = max(self._located_at_s, self.last_stamp_s)  # telemetry may be late
+        now_s = max(self._located_at_s, self._now_s)  # telemetry may be late
         doubt = self.odometry.increment(self._located_at_s, now_s).covariance
         return math.sqrt(float(doubt[0, 0] + doubt[1, 1]))
 
@@ -126,7 +129,7 @@ class RunCore:
 
     def last_look_m(self) -> float:
         """Distance driven since the last scan."""
-        return self.path_length_m - self._looked_at_m
+        return self._way_m - self._looked_at_m
 
     @property
     def next_sector(self) -> Sector:
@@ -142,17 +145,21 @@ class RunCore:
     def on_wheels(self, sample: WheelSample) -> None:
         """A telemetry frame: the heartbeat of the odometry."""
         self.odometry.on_wheels(sample)
-        if self.first_stamp_s is None:
-            self.first_stamp_s = sample.stamp_s
-        self.last_stamp_s = sample.stamp_s
-        pose = self.odometry.pose
-        self.path_length_m += self._last_odom.distance_m(pose)
+        pose, self._now_s = self.odometry.pose, sample.stamp_s
+        self._way_m += self._last_odom.distance_m(pose)
         self._last_odom = pose
-        if not self.is_recorded:
-            return
-        if sample.stamp_s - self._recorded_at_s >= TRAJECTORY_PERIOD_S - 1e-3:
-            self._recorded_at_s = sample.stamp_s
-            self.trajectory.add(sample.stamp_s, pose)
+        if self.is_recorded:
+            self._record(sample.stamp_s, pose)
+
+    def _record(self, stamp_s: float, odom_from_base: Pose2) -> None:
+        """Count this instant to the run."""
+        if self.first_stamp_s is None:
+            self.first_stamp_s = stamp_s
+        self.last_stamp_s, self.path_length_m = stamp_s, self._way_m
+        self._recorded_odom = odom_from_base
+        if stamp_s - self._recorded_at_s >= TRAJECTORY_PERIOD_S - 1e-3:
+            self._recorded_at_s = stamp_s
+            self.trajectory.add(stamp_s, odom_from_base)
 
     def begin_scan(self) -> None:
         """Revolutions from here on belong together."""
@@ -239,11 +246,12 @@ class RunCore:
         return {"sweeps": self.sweeps, **self._end_notes(), **self.survey.slam.notes()}
 
     def _end_notes(self) -> dict[str, Any]:
-        """How far from home the robot is, and what was left unseen; null: it was stopped."""
+        """How far from home the run ended, and what was left unseen; null: it was stopped."""
         nodes, ended = self.survey.explorer.graph.nodes, self.survey.ended
         home = nodes[0].pose if nodes else Pose2()
+        last = self.map_from_odom @ self._recorded_odom
         return {
-            "home_m": round(self.pose.distance_m(home), 3),
+            "home_m": round(last.distance_m(home), 3),
             "left": None if ended is None else [left.as_json() for left in ended.unseen],
         }
 
@@ -289,7 +297,7 @@ class RunCore:
         since_s = stamp_s if self._located_at_s is None else self._located_at_s
         motion = self.odometry.increment(since_s, stamp_s)
         odom_from_base = Pose2.from_array(self.odometry.poses_at(np.array([stamp_s]))[0])
-        self._located_at_s, self._looked_at_m = stamp_s, self.path_length_m
+        self._located_at_s, self._looked_at_m = stamp_s, self._way_m
         self._odom_at_scans[stamp_s] = odom_from_base
         return ScanJob(
             scan=scan,

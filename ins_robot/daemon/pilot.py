@@ -9,6 +9,7 @@ the set points, and the microcontroller's dead-man stops the wheels by itself.
 from __future__ import annotations
 
 import asyncio
+import contextlib
 
 from scipy.spatial import cKDTree
 
@@ -22,6 +23,7 @@ from ins_robot.messages import PlannedPath, VelocityCommand
 
 Wheels = tuple[float, float, float]
 LOOK_AHEAD_S = 20.0
+RAMP_MAX_S = 3.0  # from any speed to standing
 STANDING: Wheels = (0.0, 0.0, 0.0)
 
 
@@ -72,6 +74,12 @@ class Pilot:
         if self._arrival is not None and not self._arrival.done():
             self._arrival.cancel()
         self._follower = self._arrival = None
+
+    async def rest(self) -> None:
+        """Wait for the end of the ramp, for a while: without telemetry there is none."""
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(RAMP_MAX_S):
+                await self.standing.wait()
 
     def stop_now(self) -> None:
         """Command zero without a ramp until `release`."""

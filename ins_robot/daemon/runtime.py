@@ -173,8 +173,9 @@ class Robot:
         assert mission is not None
         try:
             await mission.explore()
+            await self.pilot.rest()  # the last of the way belongs to the run
         finally:
-            self.pipeline.mission = None  # what comes now belongs to no run
+            self._stay_in_the_map(mission.core)  # before it is saved, which may take long
             try:
                 saving = self._in_survey_worker(lambda: self._save(mission, directory))
                 # Shielded: a second cancellation must not take it out of the worker's queue.
@@ -187,16 +188,15 @@ class Robot:
                     self.last_summary = saved
             finally:
                 self.mission = None
-                self._stay_in_the_map(mission.core)
                 self.finished.set()
 
     def _stay_in_the_map(self, core: RunCore) -> None:
         """Go on knowing where the robot is on the map of a run that has ended."""
-        if self.is_manual or not core.survey.explorer.graph.nodes:
-            return
-        scanner, worker = (lambda: self.pipeline.scanner), self._survey_worker
-        self._after = AfterRun("goto", self.config, core, self.pilot, scanner, worker)
-        self.pipeline.mission = self._after
+        self._after = None
+        if not self.is_manual and core.survey.explorer.graph.nodes:
+            scanner, worker = (lambda: self.pipeline.scanner), self._survey_worker
+            self._after = AfterRun("goto", self.config, core, self.pilot, scanner, worker)
+        self.pipeline.mission = self._after  # not a frame passes it by
 
     async def forbid(self, zones: tuple[Zone, ...]) -> None:
         """No-go zones and virtual walls, in the run under way or on the map after one."""
@@ -234,8 +234,8 @@ class Robot:
             await errand.explore()
         finally:
             self.last_goto = errand.reason
-            self.mission = None
             self._stay_in_the_map(errand.core)
+            self.mission = None
             self.finished.set()
 
     def _save(self, mission: RunUnderWay, directory: Path) -> dict[str, Any]:
@@ -340,7 +340,7 @@ class Robot:
                     mission.stop(str(error), failed=True)
                 self._check_battery(mission)
                 log.info("%s", self.health.line(now_s))
-            if self.pipeline.missing and mission is None:
+            if self.pipeline.missing and (mission is None or mission.state.is_over):
                 self._after = self.pipeline.mission = None  # it may be anywhere by now
             if self.is_manual or "motors" in self.pipeline.missing:
                 self._notifier.feed_watchdog(now_s)  # nothing to control is not a hang

@@ -2,7 +2,7 @@
 """A simulated robot with all its devices, its daemon and a story that happens to it."""
 
 import asyncio
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Coroutine
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,6 +15,7 @@ from ins_robot.daemon.run_under_way import RunUnderWay
 from ins_robot.daemon.runtime import Robot
 from ins_robot.geometry.pose2 import Pose2
 from ins_robot.simulation.harness import SimulatedRobot
+from ins_robot.simulation.virtual_clock import VirtualTimeLoop
 from ins_robot.simulation.world import World
 
 
@@ -72,3 +73,33 @@ async def live(
     robot.supervisor.add_task("director", direct)
     await robot.serve()
     return robot
+
+
+class SlowWorkers(VirtualTimeLoop):
+    """Virtual time on which what a worker's job gave comes `job_s` later."""
+
+    job_s = 0.0
+
+    def run_in_executor(self, executor, func, *args):
+        """The job's result, not before its time."""
+        done = super().run_in_executor(executor, func, *args)
+        if self.job_s == 0.0:
+            return done
+        later = self.create_future()
+        self.call_later(self.job_s, _hand_on, done, later)
+        return later
+
+
+def _hand_on(done: asyncio.Future, later: asyncio.Future) -> None:
+    if later.cancelled():
+        return
+    if (error := done.exception()) is not None:
+        later.set_exception(error)
+    else:
+        later.set_result(done.result())
+
+
+def run_slow(main: Coroutine) -> None:
+    """`run_virtual`; a story may set the running loop's `job_s`."""
+    with asyncio.Runner(loop_factory=SlowWorkers) as runner:
+        runner.run(main)
