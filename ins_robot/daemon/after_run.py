@@ -20,6 +20,7 @@ from ins_robot.daemon.run_under_way import MissionState
 from ins_robot.daemon.scan_taking import ScannerPower
 from ins_robot.errors import StateError
 from ins_robot.logs.journal_codec import Message
+from ins_robot.navigation.explorer import Drive
 
 TRIES = 4
 
@@ -54,6 +55,9 @@ class AfterRun(Mission):
         self.place_m: Place = (0.0, 0.0)
 
     async def _explore(self) -> None:
+        self._hold()  # whoever drove before may have left the wheels held
+        if self._taker.is_always_on:
+            await self._taker.switch_on()
         where = f"{self.place_m[0]:g} {self.place_m[1]:g}"
         for _ in range(TRIES):
             self._orders.zones_changed = False  # the way is looked for on what is allowed now
@@ -65,6 +69,10 @@ class AfterRun(Mission):
                 self._end(MissionState.COMPLETE, f"arrived at {where}")
                 return
         self._end(MissionState.STOPPED, f"goto {where}: the way is blocked")
+
+    def _why_home(self, goal: Drive, driven_m: float = 0.0) -> str | None:
+        """Never: time and way are the run's, and an empty battery ends anything."""
+        return None
 
     async def go_to(self, place_m: Place) -> None:
         """One place at a time."""

@@ -36,6 +36,7 @@ CRAMPED_SHARE = 0.15  # and no less than this share of it among obstacles
 DRIFT = 0.04  # of the way since the last look the pose may be off, with slipping wheels
 TIGHT_M = 0.008  # what counts as clearance in the tightest place
 MOTORS_GONE_S = 10.0  # without telemetry for so long a drive has ended, badly
+RUN_ENDED = "goto: the run has ended; ask again"
 SETTLE_S = 0.2  # from the last command to standing still
 
 
@@ -69,7 +70,7 @@ class Mission(RunUnderWay):
     def _halt(self) -> None:
         """Bring the wheels to a stand."""
         self._pilot.halt()
-        self._orders.refuse("goto: the run has ended; ask again")
+        self._orders.refuse(RUN_ENDED)
 
     async def _explore(self) -> None:
         await self._calibrate()
@@ -114,6 +115,9 @@ class Mission(RunUnderWay):
         except StateError as error:
             answer(told, error)
             return otherwise
+        except asyncio.CancelledError:
+            answer(told, StateError(RUN_ENDED))
+            raise
         why = self._why_home(drive)
         if why is None:
             answer(told, None)

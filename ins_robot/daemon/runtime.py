@@ -121,9 +121,7 @@ class Robot:
         """Start a run that leaves its files in `directory`, which exists."""
         if self.mission is not None:
             raise StateError(f"run '{self.mission.name}' is under way: stop it first")
-        if self.stop_latch.is_set:
-            raise StateError(f"stopped: {self.stop_latch.reason}; `ins-robot clear` first")
-        self.single_scan.check_idle()
+        self._check_free()
         header = JournalHeader(
             package_version=__version__,
             run_name=name,
@@ -140,6 +138,12 @@ class Robot:
         self._began_run_s = time.perf_counter()
         self.pipeline.mission = self.mission
         self.supervisor.add_task("run", lambda: self._explore(directory))
+
+    def _check_free(self) -> None:
+        """Refuse to set out while stopped, or while the LRF is borrowed."""
+        if self.stop_latch.is_set:
+            raise StateError(f"stopped: {self.stop_latch.reason}; `ins-robot clear` first")
+        self.single_scan.check_idle()
 
     def _mission(self, name: str, journal: Journal) -> RunUnderWay:
         rng = np.random.default_rng(self.config.slam.seed)
@@ -218,12 +222,11 @@ class Robot:
         after = self._after
         if after is None:
             raise StateError("goto: the robot is on no map: `ins-robot start` makes one")
-        if self.stop_latch.is_set:
-            raise StateError(f"stopped: {self.stop_latch.reason}; `ins-robot clear` first")
-        self.single_scan.check_idle()
+        self._check_free()
         await self._in_survey_worker(lambda: after.core.go_to(place_m, after.core.pose))
         if self.mission is not None or self._after is not after:
             raise StateError("goto: something else has begun meanwhile")
+        self._check_free()  # of what happened during the look too
         after.place_m, self.mission = place_m, after
         self.finished.clear()
         self.save_error = None

@@ -7,9 +7,14 @@ import math
 from itertools import pairwise
 from pathlib import Path
 
+import pytest
 from live_robot import Live, live, run_slow
 
+from ins_robot.core.run_core import RunCore
+from ins_robot.errors import StateError
+from ins_robot.geometry.pose2 import Pose2
 from ins_robot.logs.replay_journal import JournalOptions, replay_journal
+from ins_robot.simulation.virtual_clock import run_virtual
 
 
 async def until_fast(at: Live) -> None:
@@ -43,3 +48,71 @@ def test_a_run_stopped_in_full_drive_keeps_its_pose_while_it_is_saved(tmp_path: 
     again = replay_journal(run / "run.journal", JournalOptions(), lambda: 0.0).summary()
     for key in ("duration_s", "path_length_m", "home_m"):
         assert again[key] == summary[key], key
+
+
+def test_goto_after_a_run_is_free_of_its_pause_and_has_an_lrf_that_turns(
+    tmp_path: Path,
+) -> None:
+    async def story(at: Live) -> None:
+        await at.commands.start("held")
+        await at.until("driving")
+        await at.commands.pause()
+        await at.commands.stop()
+        await at.commands.goto(0.6, 0.4)
+        await at.robot.finished.wait()
+        assert at.robot.last_goto == "arrived at 0.6 0.4"
+        assert at.true_place.distance_m(Pose2(0.6, 0.4)) < 0.15
+
+    power = "lrf.power='continuous'"
+    run_virtual(live(story, tmp_path, overrides=(power,), timeout_s=400.0))
+
+
+def test_an_emergency_stop_while_a_goto_after_a_run_is_looked_at_refuses_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    look = RunCore.go_to
+
+    async def story(at: Live) -> None:
+        def stop_then_look(self, *asked):
+            at.robot.stop_motors("now")
+            return look(self, *asked)
+
+        await at.commands.start("short")
+        await at.until("driving")
+        await at.commands.stop()
+        monkeypatch.setattr(RunCore, "go_to", stop_then_look)
+        with pytest.raises(StateError, match="stopped: now"):
+            await at.commands.goto(0.6, 0.4)
+        assert at.robot.mission is None
+
+    run_virtual(live(story, tmp_path))
+
+
+def test_who_asked_for_a_place_is_answered_when_the_run_ends_during_the_look(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    look, looks = RunCore.go_to, []
+
+    def noted(self, *asked):
+        looks.append(asked)
+        return look(self, *asked)
+
+    async def story(at: Live) -> None:
+        await at.commands.start("short")
+        await at.until("driving")
+        monkeypatch.setattr(RunCore, "go_to", noted)
+        asyncio.get_running_loop().job_s = 1.0
+        async with asyncio.TaskGroup() as group:
+            asking = group.create_task(_refusal(at.commands.goto(0.6, 0.4)))
+            while not looks:  # noqa: ASYNC110 - no event
+                await asyncio.sleep(0.1)
+            await at.commands.stop()
+        assert "the run has ended" in asking.result()
+
+    run_slow(live(story, tmp_path))
+
+
+async def _refusal(asked) -> str:
+    with pytest.raises(StateError) as told:
+        await asked
+    return str(told.value)

@@ -93,6 +93,9 @@ def test_a_place_too_far_for_the_budget_is_refused_and_exploring_goes_on(tmp_pat
         with pytest.raises(StateError, match="too far: on the way home"):
             await at.commands.goto(2.6, 0.45)
         await at.robot.finished.wait()
+        await at.commands.goto(2.6, 0.45)  # what the run had used up is the run's
+        await at.robot.finished.wait()
+        assert at.robot.last_goto == "arrived at 2.6 0.45"
 
     run_virtual(
         live(story, tmp_path, overrides=("exploration.max_distance_m=5.9",), timeout_s=400.0)
