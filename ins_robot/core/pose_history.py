@@ -18,7 +18,7 @@ from ins_robot.geometry.angles import FloatArray, wrap_rad
 from ins_robot.geometry.pose2 import Pose2
 from ins_robot.messages import MotionIncrement, VelocityCommand
 
-ROWS = 30_000  # 10 minutes at 50 Hz; standing long counts a row a second
+ROWS = 37_500  # 12 minutes at 50 Hz; standing long counts a row a second
 EXTRAPOLATE_MAX_S = 0.1
 REPEATED = 2.0  # gyro and wheels together err little the same way; docs/results.md
 NOTHING_YET = "no wheel sample has come yet, so no pose is known"
@@ -36,11 +36,13 @@ class Row:
 
 
 class PoseHistory:
-    """A ring of rows with increasing stamps, contiguous in memory."""
+    """Rows with increasing stamps, contiguous in memory: the older, the further apart.
+
+    Nothing is forgotten altogether, however long the robot stands after its last scan.
+    """
 
     def __init__(self, rows: int = ROWS) -> None:
-        self._rows_kept = rows
-        self._stamps_s = np.empty(rows + rows // 4 + 1)
+        self._stamps_s = np.empty(rows)
         self._rows = np.empty((len(self._stamps_s), Row.SIZE))
         self._count = 0
         self._sums = [0.0] * (Row.SIZE - Row.POSE.stop)
@@ -74,10 +76,7 @@ class PoseHistory:
             s[9] + t * y,
         ]
         if self._count == len(self._stamps_s):
-            kept = slice(self._count - self._rows_kept, self._count)
-            self._stamps_s[: self._rows_kept] = self._stamps_s[kept]
-            self._rows[: self._rows_kept] = self._rows[kept]
-            self._count = self._rows_kept
+            self._thin()
         if replaces_last:
             self._count -= 1
         self._stamps_s[self._count] = stamp_s
@@ -149,6 +148,14 @@ class PoseHistory:
             repeated=REPEATED,
         )
 
+    def _thin(self) -> None:
+        """Of the older half keep every other row, the first one always."""
+        half = self._count // 2
+        kept = np.concatenate([np.arange(0, half, 2), np.arange(half, self._count)])
+        self._count = len(kept)
+        self._stamps_s[: self._count] = self._stamps_s[kept]
+        self._rows[: self._count] = self._rows[kept]
+
     def _check(self, from_s: float, to_s: float) -> None:
         if not self._count:
             raise StateError(NOTHING_YET)
@@ -156,7 +163,7 @@ class PoseHistory:
         if from_s < oldest_s - EXTRAPOLATE_MAX_S:
             raise StateError(
                 f"motion asked from {from_s:.3f} s, but the history begins at {oldest_s:.3f} s "
-                f"({self._count} poses kept); ask sooner"
+                f"({self._count} poses kept)"
             )
         if to_s < from_s:
             raise StateError(f"motion asked backwards, from {from_s:.3f} s to {to_s:.3f} s")

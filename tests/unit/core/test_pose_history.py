@@ -44,15 +44,17 @@ def test_running_sums_equal_the_sum_over_the_way() -> None:
     )
 
 
-def test_ring_keeps_the_newest() -> None:
-    history = PoseHistory(rows=100)
-    for k in range(1000):
-        history.append(float(k), (0.1 * k, 0.0, 0.0))
-    assert 100 <= len(history) <= 126
-    stamps_s = np.array([910.0, 999.0, 950.25])
+def test_the_newest_are_kept_and_of_the_rest_enough_to_ask_from_the_first_on() -> None:
+    history = PoseHistory(rows=125)
+    for k in range(100_000):
+        history.append(float(k), (0.1 * k, 0.0, 0.0), position_var=0.5)
+    assert len(history) <= 125
+    stamps_s = np.array([99_940.0, 99_999.0, 99_950.25, 17.0, 60_000.5])
     np.testing.assert_allclose(history.poses_at(stamps_s, STILL)[:, 0], 0.1 * stamps_s)
-    with pytest.raises(StateError, match="ask sooner"):
-        history.increment(800.0, 999.0, STILL, 0.0)
+    whole = history.increment(0.0, 99_999.0, STILL, 0.0)
+    assert whole.covariance[0, 0] == pytest.approx(0.5 * 99_999)
+    with pytest.raises(StateError, match="history begins at 0"):
+        history.increment(-1.0, 99_999.0, STILL, 0.0)
 
 
 def test_last_row_can_be_replaced() -> None:
