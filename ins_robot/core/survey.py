@@ -106,7 +106,7 @@ class Survey:
         """To a place somebody named; a StateError when no known way leads there."""
         self._follow_corrections()
         drive = self.explorer.send_to(np.array(place_m), pose, self.grid)
-        self._goal = drive
+        self._goal, self.ended = drive, None
         return drive
 
     def end(self, why: str, pose: Pose2) -> Decision:
