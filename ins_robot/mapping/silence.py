@@ -14,7 +14,7 @@ far walls, and at glass, and what they say depends on the run of silent beams th
   go on: those fall silent as they are seen ever more slanted, and glass between two posts lies
   on the line of the posts.
 
-A scan without any reading may come from a blind sensor, and frees nothing.
+A scan with hardly a reading may come from a blind sensor; its silence says nothing at all.
 """
 
 from __future__ import annotations
@@ -89,7 +89,7 @@ def read_silence(scan: LaserScan, rules: SilenceRules) -> Silence:
     silent = ~scan.is_valid
     if scan.is_free_when_silent:
         return Silence(free_m=np.where(silent, np.inf, 0.0), wide_m=none, quiet_m=none)
-    if not silent.any():
+    if not silent.any() or np.count_nonzero(scan.is_valid) < READINGS_MIN:
         return Silence(free_m=none, wide_m=none, quiet_m=none)
     runs = _silent_runs(scan)
     is_narrow = runs.width_rad < NARROW_RAD
@@ -136,7 +136,7 @@ def _wide_m(scan: LaserScan, runs: _Runs, rules: SilenceRules) -> FloatArray:
     """(B,) free way of beams in wide runs; 0 for all others."""
     free_m = np.zeros(len(scan.ranges_m))
     is_wide = runs.width_rad >= rules.wide_rad
-    if rules.wide_rad <= 0.0 or not is_wide.any() or scan.is_valid.sum() < READINGS_MIN:
+    if rules.wide_rad <= 0.0 or not is_wide.any():
         return free_m
     bearings, ranges = scan.bearings_rad[runs.order], scan.ranges_m[runs.order]
     points = ranges[:, None] * np.stack([np.cos(bearings), np.sin(bearings)], axis=-1)

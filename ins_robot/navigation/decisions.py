@@ -48,6 +48,14 @@ class LeftGap:
     why: str
 
 
+@dataclass(frozen=True, slots=True)
+class Ending:
+    """Why exploring ends; is_complete is False when a limit ended it."""
+
+    reason: str
+    is_complete: bool
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Finished:
     """Nothing left to drive to; `is_complete` is False when a limit ended it.
@@ -62,15 +70,17 @@ class Finished:
 
 
 def finished(
-    scene: Scene, graph: NodeGraph, bounds: Bounds, why: str, *, is_complete: bool
+    scene: Scene, graph: NodeGraph, bounds: Bounds, ending: Ending, reason: str
 ) -> Finished:
-    """The end of a run, with all that is left."""
-    unfinished = None if is_complete else why
+    """The end of a run, `reason` in full, with all that is left on the map as it is now."""
+    if ending.is_complete:
+        scene.squeeze()  # narrow passages were tried before it was called complete
+    unfinished = None if ending.is_complete else ending.reason
     return Finished(
-        reason=why,
+        reason=reason,
         left=_left_gaps(graph),
         unseen=leftovers(scene, graph, bounds, unfinished=unfinished),
-        is_complete=is_complete,
+        is_complete=ending.is_complete,
     )
 
 

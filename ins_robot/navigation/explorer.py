@@ -20,11 +20,13 @@ from ins_robot.errors import StateError
 from ins_robot.geometry.angles import FloatArray
 from ins_robot.geometry.pose2 import Pose2
 from ins_robot.mapping.occupancy_grid import OccupancyGrid
+from ins_robot.mapping.silence import READINGS_MIN
 from ins_robot.mapping.zones import Zone
 from ins_robot.messages import LaserScan, PlannedPath
 from ins_robot.navigation.bounds import Bounds
-from ins_robot.navigation.decisions import NO_GAP, Drive, Finished, LeftGap, finished
+from ins_robot.navigation.decisions import NO_GAP, Drive, Ending, Finished, LeftGap, finished
 from ins_robot.navigation.driven_ways import DrivenWays
+from ins_robot.navigation.errand import Errand
 from ins_robot.navigation.gap_ledger import FAILURES_MAX, GapLedger
 from ins_robot.navigation.gaps import Gap, GapRules, GapState, find_gaps
 from ins_robot.navigation.guard import Guard, NoGuard, SeenGuard
@@ -45,7 +47,7 @@ from ins_robot.navigation.way_home import WayHome
 __all__ = ["Drive", "Explorer", "Finished", "LeftGap"]
 
 IN_VAIN_SHARE = 0.5  # a scan that leaves more of what it was to show unseen was in vain
-BLIND_SCANS = 4  # so many without a single reading in a row: covered, or lost in a huge hall
+BLIND_SCANS = 4  # so many next to without readings in a row: covered, or lost in a huge hall
 BLIND_BESIDE_WALLS = 2  # and where the map has a wall within the trusted range: covered
 MOVED_M = 0.02  # a node corrected by more: the map is looked at again everywhere
 
@@ -94,7 +96,7 @@ class Explorer:
         self._blind_scans = 0
         self._chances = SecondChances(self.graph, self._barren)
         self._progress = Progress()
-        self._errand_m: FloatArray | None = None
+        self._errand: Errand | None = None
         self._home = WayHome(self.graph, self.bounds, is_wanted=config.return_home)
 
     def observe(
@@ -130,7 +132,8 @@ class Explorer:
         self.graph.add(node)
         self._scanned_aim, self._aim = self._aim, None
         self._has_new_node = True
-        self._blind_scans = 0 if scan.is_valid.any() else self._blind_scans + 1
+        is_blind = np.count_nonzero(scan.is_valid) < READINGS_MIN
+        self._blind_scans = self._blind_scans + 1 if is_blind else 0
 
     def relocate(self, poses: FloatArray) -> None:
         """SLAM moved the nodes: poses (K, 3) of all K of them, in order of observation."""
@@ -151,11 +154,11 @@ class Explorer:
         scene = self._stand_and_look(pose, grid)
         if self._is_blind(scene):
             return self._stay(scene)
-        if self._errand_m is not None:
-            drive = self._trip(scene, self._errand_m, "goto")
-            if drive is not None:
-                return drive
-            self._errand_m = None  # the map has closed the way meanwhile
+        if self._errand is not None:
+            path = self._errand.path(scene)
+            if path is not None:
+                return self._set_out(scene, path, "goto")
+            self._errand = None  # the map has closed the way meanwhile
         if self._home.ending is not None and not self._home.looks_again(pose):
             return self._end(scene, self._home.ending)
         return self._explore_on(scene)
@@ -169,21 +172,25 @@ class Explorer:
             When no known way leads there; nothing has changed then.
         """
         scene = self._look_around(pose, grid)
-        drive = self._trip(scene, place_m, "goto")
-        if drive is None:
-            _, why = Reach(scene, self.bounds, self.graph.nodes[0].pose).why_not(place_m)
+        if self._is_blind(scene):
+            raise StateError(f"goto: {self._why_blind()} nothing is driven to blindly")
+        home = self.graph.nodes[0].pose
+        errand = Errand(place_m, home)
+        path = errand.path(scene)
+        if path is None:
+            _, why = Reach(scene, self.bounds, home).why_not(place_m)
             raise StateError(f"goto {place_m[0]:g} {place_m[1]:g}: cannot be reached: {why}")
-        self._errand_m = place_m
-        return drive
+        self._errand = errand
+        return self._set_out(scene, path, "goto")
 
     def end(self, why: str, pose: Pose2, grid: OccupancyGrid) -> Drive | Finished:
         """Explore no more; home, if that is wanted, else finished: `why`."""
         scene = self._stand_and_look(pose, grid)
         if self._is_blind(scene):
             return self._stay(scene)
-        self._errand_m = None
+        self._errand = None
         self._home.is_final = True
-        return self._end(scene, self._home.ending or self._finished(scene, why, False))
+        return self._end(scene, self._home.ending or Ending(why, False))
 
     def forbid(self, zones: tuple[Zone, ...]) -> None:
         """No-go zones and virtual walls from the next decision on."""
@@ -200,7 +207,7 @@ class Explorer:
         """The next gap; none left: what was given up once more, then the end."""
         why = self._limit_reached()
         if why is not None:
-            return self._end(scene, self._finished(scene, why, False))
+            return self._end(scene, Ending(why, False))
         if self._progress.is_stalled(
             float(np.count_nonzero(~scene.grid.is_unknown)) * scene.grid.resolution_m**2
         ):
@@ -219,12 +226,10 @@ class Explorer:
                 break
             self._ledger.update(scene)
         back = self._chances.step_back(scene.terrain)
-        if back is not None:
-            again = "for another look at what was given up"
-            drive = self._trip(scene, back.position_m, again)
-            if drive is not None:
-                return drive
-        return self._end(scene, self._finished(scene, "no reachable gap is left", True))
+        path = None if back is None else trip(scene, back.position_m, None)
+        if path is not None:
+            return self._set_out(scene, path, "for another look at what was given up")
+        return self._end(scene, Ending("no reachable gap is left", True))
 
     def _limit_reached(self) -> str | None:
         if len(self.graph) >= self._config.max_scans:
@@ -239,27 +244,24 @@ class Explorer:
 
     def _stay(self, scene: Scene) -> Finished:
         """The end right here: nothing would be seen on the way home."""
-        why = f"{self._blind_scans} scans in a row without a reading: is the LRF covered?"
-        return self._finished(scene, f"{why} no way home is driven blindly", False)
+        why = f"{self._why_blind()} no way home is driven blindly"
+        return finished(scene, self.graph, self.bounds, Ending(why, False), why)
 
-    def _finished(self, scene: Scene, why: str, is_complete: bool) -> Finished:
-        if not scene.grid.is_free.any():
-            why, is_complete = "the LRF shows no free ground here: is it covered?", False
-        return finished(scene, self.graph, self.bounds, why, is_complete=is_complete)
+    def _why_blind(self) -> str:
+        return f"{self._blind_scans} scans in a row without a reading: is the LRF covered?"
 
-    def _end(self, scene: Scene, ending: Finished) -> Drive | Finished:
+    def _end(self, scene: Scene, ending: Ending) -> Drive | Finished:
         """The way home before the end."""
+        self._identify_neighbours(scene)
+        if not scene.grid.is_free.any():
+            ending = Ending("the LRF shows no free ground here: is it covered?", False)
         step = self._home.step(scene, ending)
-        if isinstance(step, Finished):
-            return step
+        if isinstance(step, str):
+            return finished(scene, self.graph, self.bounds, ending, step)
         return self._set_out(scene, step, f"home, for {ending.reason}")
 
-    def _trip(self, scene: Scene, place_m: FloatArray, why: str) -> Drive | None:
-        """A drive that is for no gap."""
-        path = trip(scene, place_m, None)
-        return None if path is None else self._set_out(scene, path, why)
-
     def _set_out(self, scene: Scene, path: PlannedPath, why: str) -> Drive:
+        """A drive that is for no gap."""
         node = self.graph.nodes[-1]
         reason = f"{why}: {path.length_m:.1f} m to drive"
         drive = self._drive(scene, path, node, NO_GAP, reason)
@@ -281,7 +283,7 @@ class Explorer:
         if aim is None or aim.drive is not decision:
             raise StateError("explorer: report_failure() of what is not the last decision")
         self._ways.gave_up(decision.path.points_m)
-        self._errand_m = None
+        self._errand = None
         self._refuse(aim, why)
 
     def _refuse(self, aim: _Aim | None, why: str) -> None:
@@ -303,7 +305,7 @@ class Explorer:
     def _arrive(self, node: Node, aim: _Aim) -> None:
         """The drive has ended in a new node, and its gap has been looked into."""
         self._ways.arrived(node, aim.drive.path.points_m, aim.node if aim.is_retraced else None)
-        self._errand_m = None
+        self._errand = None
         if aim.gap is not None and aim.gap.is_open:
             aim.gap.set(GapState.EXPLORED, f"scanned at its place: node {node.id}")
 

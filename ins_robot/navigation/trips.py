@@ -10,13 +10,16 @@ import math
 
 import numpy as np
 
-from ins_robot.geometry.angles import FloatArray
+from ins_robot.geometry.angles import FloatArray, wrap_rad
+from ins_robot.geometry.pose2 import Pose2
 from ins_robot.messages import PlannedPath
 from ins_robot.navigation.planner import way_points_m, with_headings
 from ins_robot.navigation.scene import Scene
 from ins_robot.navigation.terrain import Terrain
 
 AT_HOME_M = 0.08  # nearer than this is there
+AT_HOME_RAD = math.radians(5.0)  # and turned less: zones lie as the next run's first heading
+TRIES = 12  # decisions for one place before it is given up
 NEAR_M = 0.25  # a place whose own cell is too tight is reached as nearly as this
 
 
@@ -35,6 +38,12 @@ def trip(scene: Scene, place_m: FloatArray, heading_rad: float | None) -> Planne
         is_way = math.hypot(*ahead) > 0.0
         heading_rad = math.atan2(ahead[1], ahead[0]) if is_way else scene.pose.heading_rad
     return with_headings(points, scene.pose.heading_rad, heading_rad)
+
+
+def is_at_home(pose: Pose2, home: Pose2) -> bool:
+    """Whether a run that began at `home` would begin the same at `pose`."""
+    off_rad = abs(wrap_rad(pose.heading_rad - home.heading_rad))
+    return pose.distance_m(home) <= AT_HOME_M and off_rad <= AT_HOME_RAD
 
 
 def way_m(terrain: Terrain, place_m: FloatArray) -> float | None:

@@ -7,18 +7,14 @@ more from there, unless its exploring had to end.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from ins_robot.geometry.pose2 import Pose2
 from ins_robot.messages import PlannedPath
 from ins_robot.navigation.bounds import Bounds
-from ins_robot.navigation.decisions import Finished
+from ins_robot.navigation.decisions import Ending
 from ins_robot.navigation.node_graph import NodeGraph
 from ins_robot.navigation.reach import Reach
 from ins_robot.navigation.scene import Scene
-from ins_robot.navigation.trips import AT_HOME_M, trip
-
-TRIES = 12  # decisions for the way home before the robot stays where it is
+from ins_robot.navigation.trips import AT_HOME_M, TRIES, is_at_home, trip
 
 
 class WayHome:
@@ -26,15 +22,15 @@ class WayHome:
 
     Attributes
     ----------
-    ending : Finished or None
-        What will be answered at home; None while there is something to explore.
+    ending : Ending or None
+        What ends the run at home; None while there is something to explore.
     is_final : bool
         Time, way or battery are used up: no more looks.
     """
 
     def __init__(self, graph: NodeGraph, bounds: Bounds, *, is_wanted: bool) -> None:
         self._graph, self._bounds, self._is_wanted = graph, bounds, is_wanted
-        self.ending: Finished | None = None
+        self.ending: Ending | None = None
         self.is_final = False
         self._tries = 0
 
@@ -47,24 +43,24 @@ class WayHome:
         self.ending, self._tries = None, 0
         return True
 
-    def step(self, scene: Scene, ending: Finished) -> PlannedPath | Finished:
-        """The way home, or the end, which says so when home is not reached."""
+    def step(self, scene: Scene, ending: Ending) -> PlannedPath | str:
+        """The way home, or the end: its reason, which says so when home is not reached."""
         self.ending = ending
         if not self._is_wanted or self._is_home(scene.pose):
-            return ending
+            return ending.reason
         self._tries += 1
         if self._tries > TRIES:
-            return replace(ending, reason=f"{ending.reason}; home was not reached")
+            return f"{ending.reason}; home was not reached"
         home = self._graph.nodes[0]
         path = trip(scene, home.position_m, home.pose.heading_rad)
         if path is None:
             _, why = Reach(scene, self._bounds, home.pose).why_not(home.position_m)
-            return replace(ending, reason=f"{ending.reason}; home is out of reach: {why}")
-        if path.length_m <= AT_HOME_M:  # as near as it gets
-            away_m = scene.pose.distance_m(home.pose)
+            return f"{ending.reason}; home is out of reach: {why}"
+        away_m = scene.pose.distance_m(home.pose)
+        if path.length_m <= AT_HOME_M < away_m:  # as near as it gets
             why = f"something stands too near, {away_m:.2f} m before it"
-            return replace(ending, reason=f"{ending.reason}; home was not reached: {why}")
+            return f"{ending.reason}; home was not reached: {why}"
         return path
 
     def _is_home(self, pose: Pose2) -> bool:
-        return pose.distance_m(self._graph.nodes[0].pose) <= AT_HOME_M
+        return is_at_home(pose, self._graph.nodes[0].pose)
