@@ -68,7 +68,8 @@ def wall_points(
     points_m, ranges_m : (N, 2), (N,)
         End points and how far away they were.
     cells : (N, 2) int64
-        The grid's cell of each; one that is not in or beside an occupied cell is a ghost.
+        The grid's cell of each; one that is not in or beside an occupied cell is a ghost, and
+        so is one alone in a cell that is not occupied: the mixed reading of two surfaces.
     """
     if len(points_m) == 0:
         return points_m, np.zeros(is_occupied.shape, bool)
@@ -86,6 +87,13 @@ def wall_points(
             ring = ring[~np.isfinite(away)]
         counts[ring] = True
         nearer_m = ring_m
+    counts[counts] = ~_is_alone(points_m[counts]) | is_occupied[tuple(cells[counts].T)]
     told = np.zeros(is_occupied.shape, bool)
     told[cells[counts, 0], cells[counts, 1]] = True
     return points_m[counts], binary_dilation(told, np.ones((3, 3), bool))
+
+
+def _is_alone(points_m: FloatArray) -> BoolArray:
+    """(N,) bool: which points (N, 2) have no other within SAME_M."""
+    away, _ = cKDTree(points_m).query(points_m, k=2, distance_upper_bound=SAME_M)
+    return np.asarray(~np.isfinite(away[:, 1]))

@@ -16,11 +16,13 @@ from ins_robot.geometry.angles import FloatArray, wrap_rad
 from ins_robot.geometry.pose2 import Pose2
 from ins_robot.messages import PlannedPath
 from ins_robot.navigation.node_graph import Node
+from ins_robot.navigation.squeeze import roomiest_places
 from ins_robot.navigation.terrain import EASE_M, IndexArray, Terrain
 
 SAMPLE_CELLS = 0.5  # straight lines are checked this finely
 NEAR_CELLS = 4  # how far from a node its nearest reachable cell may be
-ROUNDING_M = 0.01  # clearance a straight line may lose against the staircase
+ROUNDING_M = 0.01  # clearance a straight line may lose against the staircase, if it has more
+SAME_ROOM_M = 1e-3  # less than this is no difference
 
 
 def plan(
@@ -97,9 +99,13 @@ def _reachable_near(terrain: Terrain, point_m: FloatArray) -> tuple[int, int] | 
 def way_points_m(terrain: Terrain, start: Pose2, cells: IndexArray) -> FloatArray:
     """(N, 2) way points of a way of cells, pulled straight; the first is the robot's place.
 
-    Odd cells are passed one by one, at the places they are open at.
+    Odd cells are passed one by one, at the places they are open at; other cells with little
+    room where in them there is most.
     """
     points, is_odd = terrain.places_m(cells)
+    room = terrain.clearance_m[cells[:, 0], cells[:, 1]]
+    tight = np.flatnonzero(~is_odd & (room < terrain.body.keep_m))
+    points[tight], room[tight] = roomiest_places(terrain.grid, cells[tight])
     points[0] = start.x_m, start.y_m
     fixed = np.flatnonzero(is_odd[1:-1]) + 1
     kept = [0]
@@ -107,7 +113,7 @@ def way_points_m(terrain: Terrain, start: Pose2, cells: IndexArray) -> FloatArra
         if stop == kept[-1]:
             continue
         stretch = slice(kept[-1], stop + 1)
-        straight = _pull_straight(terrain, cells[stretch], points[stretch])
+        straight = _pull_straight(terrain, points[stretch], room[stretch])
         base = kept[-1]
         kept.extend(base + index for index in straight[1:])
     return points[kept]
@@ -134,13 +140,15 @@ def dense_points_m(points_m: FloatArray, step_m: float) -> FloatArray:
     return np.concatenate(pieces)
 
 
-def _pull_straight(terrain: Terrain, cells: IndexArray, points: FloatArray) -> list[int]:
+def _pull_straight(terrain: Terrain, points: FloatArray, room: FloatArray) -> list[int]:
     """Indices of the way points kept: from each the farthest one that a straight line reaches.
+
+    `room` (N,) is what there is at the points (N, 2).
 
     Doubling, then halving: a line is tried a few times a corner instead of once a cell.
     """
     enough = terrain.body.radius_m + terrain.body.clearance_m + EASE_M
-    room = np.minimum(terrain.clearance_m[cells[:, 0], cells[:, 1]], enough)
+    room = np.minimum(room, enough)
     last = len(points) - 1
     kept = [0]
     while kept[-1] < last:
@@ -170,9 +178,14 @@ def _is_clear(terrain: Terrain, points: FloatArray, room: FloatArray, a: int, b:
     length = math.hypot(*(points[b] - points[a]))
     count = max(2, math.ceil(length / (SAMPLE_CELLS * terrain.grid.resolution_m)))
     share = np.linspace(0.0, 1.0, count + 1)[:, None]
-    at = terrain.grid.cells(points[a] + share * (points[b] - points[a]))
+    line = points[a] + share * (points[b] - points[a])
+    at = terrain.grid.cells(line)
     rows, cols = at[:, 0], at[:, 1]
     if not np.isfinite(terrain.factor[rows, cols]).all():
         return False
-    needed = float(room[a : b + 1].min()) - ROUNDING_M
-    return bool((terrain.clearance_m[rows, cols] >= needed).all())
+    least = float(room[a : b + 1].min())
+    needed = min(least, max(least - ROUNDING_M, terrain.body.keep_m))
+    near = terrain.clearance_m[rows, cols] < needed + terrain.grid.resolution_m
+    return not near.any() or bool(
+        (terrain.grid.walls().query(line[near])[0] >= needed - SAME_ROOM_M).all()
+    )

@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt, maximum_filter
 
+from ins_robot.geometry.angles import FloatArray
 from ins_robot.mapping.occupancy_grid import OccupancyGrid
-from ins_robot.navigation.terrain import MARGIN_CELLS, BodyRules, OddCells
+from ins_robot.navigation.terrain import MARGIN_CELLS, BodyRules, IndexArray, OddCells
 
 ROOM_M = 0.015  # least room left around the body
 RIDGE_CELLS = 0.6  # a ridge cell is at most this much nearer to a wall than its neighbours
@@ -28,14 +29,19 @@ def find_squeezes(grid: OccupancyGrid, body: BodyRules, is_unseen: BoolArray) ->
     cells = np.argwhere(_between_walls(grid, body, is_unseen))
     if len(cells) == 0:
         return OddCells.none()
+    places, room = roomiest_places(grid, cells)
+    fits = room >= body.radius_m + ROOM_M
+    return OddCells(cells=cells[fits], places_m=places[fits])
+
+
+def roomiest_places(grid: OccupancyGrid, cells: IndexArray) -> tuple[FloatArray, FloatArray]:
+    """(N, 2) the places in cells (N, 2) farthest from walls, map frame; (N,) how far."""
     steps = ((np.arange(SUB_PLACES) + 0.5) / SUB_PLACES - 0.5) * grid.resolution_m
     shifts = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
     places = grid.metres(cells)[:, None] + shifts
-    room, _ = grid.walls().query(places.reshape(-1, 2))
-    room = room.reshape(len(cells), -1)
-    best = room.argmax(axis=1)
-    fits = room.max(axis=1) >= body.radius_m + ROOM_M
-    return OddCells(cells=cells[fits], places_m=places[np.flatnonzero(fits), best[fits]])
+    room = grid.walls().query(places.reshape(-1, 2))[0].reshape(len(cells), len(shifts))
+    each, best = np.arange(len(cells)), room.argmax(axis=1)
+    return places[each, best], room[each, best]
 
 
 def _between_walls(grid: OccupancyGrid, body: BodyRules, is_unseen: BoolArray) -> BoolArray:

@@ -56,10 +56,22 @@ def test_the_reading_from_nearer_counts() -> None:
 def test_a_reading_where_nothing_solid_was_found_is_a_ghost() -> None:
     solid = np.zeros((40, 40), bool)
     solid[0, 0] = True
-    points = np.array([[0.02, 0.02], [0.07, 0.07], [1.0, 1.0]])
+    points = np.array([[0.02, 0.02], [0.05, 0.05], [1.0, 1.0]])
     cells = np.floor(points[:, ::-1] / 0.05).astype(np.int64)
     kept, _ = wall_points(points, np.full(3, 0.5), cells, solid)
     np.testing.assert_array_equal(kept, points[:2])
+
+
+def test_a_reading_alone_before_a_wall_is_a_ghost() -> None:
+    """Half of the beam on a post, half beyond: once, six centimetres before the wall."""
+    bearings = np.linspace(-0.3, 0.3, 31)
+    wall = 1.02 / np.cos(bearings)
+    often = [(Pose2(), wall, bearings)] * 4
+    for beams, away_m in (([15], 0.06), ([14, 15], 0.0)):  # two side by side have hit something
+        once = wall.copy()
+        once[beams] -= 0.06
+        grid = _grid((Pose2(), once, bearings), *often)
+        assert grid.walls().query((0.96, 0.0))[0] == pytest.approx(away_m, abs=0.01)
 
 
 def test_a_map_of_nothing_has_no_walls() -> None:
