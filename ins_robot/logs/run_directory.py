@@ -167,8 +167,8 @@ def picture_of(result: RunResult) -> MapPicture:
     ]
     poses = result.map_from_base
     caption = (
-        f"{result.name}: {result.scans} scans, {result.path_length_m:.1f} m, "
-        f"{_minutes(result.duration_s)}; {result.reason}"
+        f"{result.name}: {result.scans} scan{'s' * (result.scans != 1)}, "
+        f"{result.path_length_m:.1f} m, {_minutes(result.duration_s)}; {result.reason}"
     )
     return MapPicture(
         grid=TernaryMap.of(result.grid),

@@ -87,14 +87,14 @@ class _Band:
         is_crowded = len(nodes) > CROWDED_NODES
         for node in nodes:
             self._disc(node, _NODE, 2.0 if is_crowded else 3.5, 0.0 if is_crowded else 1.0)
-        if way:
-            self._disc(way[0], _START, 5.0, 1.5)
         if picture.goal is not None:
             self._goal(picture.goal)
         for node, number in zip(nodes, picture.node_ids, strict=False):
             self._number(node, number)
         if picture.robot is not None:
             self._robot(picture.robot, picture.robot_radius_m)
+        if way:
+            self._disc(way[0], _START, 5.0, 1.5)  # also where the robot has come home to it
 
     def _at(self, points_m: FloatArray) -> list[Point]:
         pixels = self._frame.pixels(points_m).reshape(-1, 2)
@@ -195,7 +195,7 @@ def draw_footer(image: Image, size: tuple[int, int], picture: MapPicture, frame:
     draw.text((_EDGE * unit, top + 10 * unit), caption, fill=INK, font=font)
 
     x, y = _EDGE * unit, top + (FOOTER_PX - 19) * unit
-    for shape, colour, label in _legend(picture):
+    for shape, colour, label in legend(picture):
         end = x + 18 * unit + draw.textlength(label, font=font)
         if end > room:
             break
@@ -204,6 +204,8 @@ def draw_footer(image: Image, size: tuple[int, int], picture: MapPicture, frame:
             draw.line([(x - unit, y), (x + 11 * unit, y)], fill=colour, width=round(3 * unit))
         elif shape == "ring":
             draw.circle(centre, 5 * unit, outline=colour, width=round(2 * unit))
+        elif shape == "square":
+            draw.rectangle([(x, y - 5 * unit), (x + 10 * unit, y + 5 * unit)], fill=colour)
         elif shape == "disc":
             draw.circle(centre, 5 * unit, fill=colour)
         else:
@@ -228,7 +230,7 @@ def _draw_scale_bar(
     return x
 
 
-def _legend(picture: MapPicture) -> list[tuple[str, Colour, str]]:
+def legend(picture: MapPicture) -> list[tuple[str, Colour, str]]:
     """Shape, colour and name of what is on the picture."""
     entries: list[tuple[str, Colour, str]] = []
     if len(picture.way_m):
@@ -237,10 +239,15 @@ def _legend(picture: MapPicture) -> list[tuple[str, Colour, str]]:
         entries.append(("ring", _ROBOT, "robot"))
     if picture.goal is not None:
         entries.append(("ring", _GOAL, "next"))
+    kinds = {zone.kind for zone in picture.zones}
+    if ZoneKind.NO_GO in kinds:
+        entries.append(("square", _ZONE, "no-go zone"))
+    if kinds - {ZoneKind.NO_GO}:
+        entries.append(("line", _ZONE, "virtual wall"))
     if len(picture.nodes_m):
         entries.append(("disc", _NODE, "scan"))
     if any(gap.is_open for gap in picture.gaps):
         entries.append(("diamond", _OPEN_GAP, "unexplored gap"))
     if any(not gap.is_open for gap in picture.gaps):
-        entries.append(("diamond", _OTHER_GAP, "other gap"))
+        entries.append(("diamond", _OTHER_GAP, "gap explored or closed"))
     return entries

@@ -27,7 +27,9 @@ from ins_robot.mapping.map_picture import (
     draw_map,
     png_bytes,
 )
+from ins_robot.mapping.picture_marks import legend
 from ins_robot.mapping.round_lengths import round_above, round_below
+from ins_robot.mapping.zones import Zone, ZoneKind
 
 FOOTER = 150  # rows of a picture that may be below the map
 
@@ -201,6 +203,27 @@ def test_things_are_drawn_where_they_are():
     assert colour_centre(drawn, palette.DEEP_BLUE) == pytest.approx(
         tuple(frame.pixels(np.array([-1.0, 0.0])) - 0.5), abs=1.0
     )
+
+
+def test_start_and_robot_are_both_seen_where_the_robot_has_come_home():
+    way = np.array([[0.0, 0.0], [1.0, 0.5], [0.0, 0.0]])
+    drawn = np.asarray(draw_map(MapPicture(grid=room(), way_m=way, robot=Pose2())))[:-FOOTER]
+    for colour in (palette.GREEN, palette.RED):
+        assert (drawn == colour).all(axis=-1).any()
+
+
+@pytest.mark.parametrize(
+    ("kind", "points", "label"),
+    [
+        (ZoneKind.NO_GO, ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0)), "no-go zone"),
+        (ZoneKind.WALL, ((0.0, 0.0), (1.0, 0.0)), "virtual wall"),
+    ],
+)
+def test_zones_are_in_the_legend(kind, points, label):
+    zones = (Zone(name="a", kind=kind, points_m=points),)
+    footer = np.asarray(draw_map(MapPicture(grid=room(), zones=zones)))[-FOOTER:]
+    assert (footer == palette.DEEP_RED).all(axis=-1).any()
+    assert [entry[2] for entry in legend(MapPicture(grid=room(), zones=zones))] == [label]
 
 
 def test_the_same_picture_has_the_same_bytes():

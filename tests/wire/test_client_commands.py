@@ -118,7 +118,7 @@ def test_status_begins_with_what_a_person_asks_first(
         "way        12.3 m in 61 s",
         "battery    12.0 V",
         "faults     bumper; silent: imu",
-        "devices    missing lrf (lrf: gone)",
+        "devices    missing lrf: gone",
         "last run   0001-lab, complete: all; "
         "3 places left unseen (2 too narrow, 1 unreachable), see summary.json `left`",
         "last goto  arrived at 1 2",

@@ -189,7 +189,8 @@ def describe(summary: dict[str, Any], directory: Path) -> str:
     """What a person wants to know of a run, in a few lines."""
     lines = [
         f"{summary['state']}: {summary['reason']}",
-        f"{summary['scans']} scans, {summary['path_length_m']:.1f} m, "
+        f"{summary['scans']} scan{'s' * (summary['scans'] != 1)}, "
+        f"{summary['path_length_m']:.1f} m, "
         f"{summary['duration_s']:.0f} s of robot time in {summary['wall_time_s']:.1f} s",
     ]
     if "coverage" in summary:

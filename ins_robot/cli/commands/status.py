@@ -56,7 +56,7 @@ def outline(status: Mapping[str, Any]) -> list[tuple[str, str]]:
     if status.get("battery_v") is not None:
         rows.append(("battery", f"{status['battery_v']:.1f} V"))
     rows.append(("faults", "; ".join(_faults(status)) or "none"))
-    rows.append(("devices", "; ".join(_missing(status)) or "all there"))
+    rows += [("devices", missing) for missing in _missing(status) or ["all there"]]
     last = status.get("last_run")
     if last is not None and status.get("run") is None:
         left = left_words(last)
@@ -75,8 +75,13 @@ def _faults(status: Mapping[str, Any]) -> list[str]:
 
 def _missing(status: Mapping[str, Any]) -> list[str]:
     tasks = status.get("tasks", {})
-    errors = {name: tasks.get(name, {}).get("last_error") for name in status.get("missing", ())}
-    return [f"missing {name} ({error or 'not opened yet'})" for name, error in errors.items()]
+    errors = {
+        name: tasks.get(name, {}).get("last_error", "") for name in status.get("missing", ())
+    }
+    return [
+        f"missing {name}: {error.removeprefix(f'{name}: ') or 'not opened yet'}"
+        for name, error in errors.items()
+    ]
 
 
 def _figure(value: float | None, form: str) -> str:

@@ -171,3 +171,8 @@ def test_an_out_may_hold_a_run_of_ours_and_nothing_else(tmp_path):
     assert not (tmp_path / "new" / "truth.tum").exists()
     with pytest.raises(InputError, match="no run of ours; name a new directory"):
         run_directory.prepare_directory(tmp_path)
+
+
+@pytest.mark.parametrize(("scans", "says"), [(0, "0 scans,"), (1, "1 scan,"), (7, "7 scans,")])
+def test_the_caption_counts_as_people_do(scans, says):
+    assert says in run_directory.picture_of(result(scans=scans)).caption
