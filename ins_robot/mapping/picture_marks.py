@@ -249,5 +249,5 @@ def legend(picture: MapPicture) -> list[tuple[str, Colour, str]]:
     if any(gap.is_open for gap in picture.gaps):
         entries.append(("diamond", _OPEN_GAP, "unexplored gap"))
     if any(not gap.is_open for gap in picture.gaps):
-        entries.append(("diamond", _OTHER_GAP, "gap explored or closed"))
+        entries.append(("diamond", _OTHER_GAP, "closed gap"))
     return entries
