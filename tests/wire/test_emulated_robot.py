@@ -109,6 +109,9 @@ def test_a_run_from_start_to_map_in_real_time(robot: Robot, tmp_path: Path) -> N
     assert out.read_bytes().startswith(b"\x89PNG")
     assert robot.say("runs", "delete", "0001-lab").returncode == 0
     assert json.loads(robot.say("runs", "--json").stdout) == []
+    robot.emulator.send_signal(signal.SIGTERM)
+    robot.emulator.wait(20)
+    assert robot.say("status").returncode == 0  # the daemon outlives its devices
     assert robot.peak_rss_mb() <= 150.0
     assert "Traceback" not in robot.log.read_text()
 

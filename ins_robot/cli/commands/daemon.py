@@ -39,7 +39,7 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _tell_left(result: RunResult) -> RunResult:
+def tell_left(result: RunResult) -> RunResult:
     """Log what the run that ends has left unseen."""
     import logging
 
@@ -67,7 +67,7 @@ async def _serve(config: Config) -> None:
         keep_free_mb=config.daemon.keep_free_mb,
     )
     store.open()
-    robot = Robot(config, SystemConnector(), notifier=notifier, annotate=_tell_left)
+    robot = Robot(config, SystemConnector(), notifier=notifier, annotate=tell_left)
     socket = ControlSocket(Path(config.daemon.socket), DaemonCommands(robot, store))
     await socket.open()
     loop = asyncio.get_running_loop()

@@ -15,7 +15,8 @@ from pathlib import Path
 import pytest
 
 import ins_robot
-from ins_robot.cli.commands.simulate import parse_start
+from ins_robot.cli.commands.daemon import tell_left
+from ins_robot.cli.commands.simulate import describe, parse_start
 from ins_robot.cli.config_source import ENVIRONMENT_VARIABLE, find_config, load_config
 from ins_robot.cli.main import COMMANDS, main, with_values
 from ins_robot.config import Config, load, reference_toml
@@ -330,6 +331,39 @@ def test_a_start_may_lie_below_zero(
     out = {"simulate": "--out", "emulate": "--config-out"}[command]
     assert main([command, "rooms", out, "somewhere", *words]) == 0
     assert [parse_start(text) for text in seen] == [start]
+
+
+SUMMARY = {
+    "state": "complete",
+    "reason": "all seen",
+    "scans": 1,
+    "path_length_m": 0.0,
+    "duration_s": 9.0,
+    "wall_time_s": 1.0,
+}
+LEFT = [{"state": "no_go"}]
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"left": LEFT}, "1 place left unseen (1 no go), see summary.json `left`"),
+        ({"left": None}, "1 scan, 0.0 m, 9 s of robot time in 1.0 s"),
+        ({"scans": 0}, "map: d/map.png (blank: the run ended before its first scan)"),
+    ],
+)
+def test_a_simulated_run_ends_with_what_a_person_must_know(
+    changes: dict[str, object], says: str
+) -> None:
+    lines = describe(SUMMARY | changes, Path("d")).splitlines()
+    assert says in lines
+    assert any("unseen" in line for line in lines) == bool(changes.get("left"))
+
+
+def test_the_daemon_logs_what_a_run_left_unseen(caplog: pytest.LogCaptureFixture) -> None:
+    result = types.SimpleNamespace(name="0001-lab", notes={"left": LEFT})
+    assert tell_left(result) is result
+    assert "0001-lab: 1 place left unseen (1 no go)" in caplog.text
 
 
 def test_a_mistyped_command_is_told_its_neighbour(capsys):
