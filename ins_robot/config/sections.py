@@ -327,7 +327,9 @@ class MapConfig:
     resolution_m: float = option(0.05, "cell size", above=0.005, at_most=0.5)
     hit_log_odds: float = option(0.9, "what a beam's end adds", above=0.0)
     miss_log_odds: float = option(0.4, "what a beam's way takes", above=0.0)
-    log_odds_max: float = option(4.0, "clamp, so that doors can re-open", above=0.0)
+    log_odds_max: float = option(
+        4.0, "clamp, so that doors can re-open", above=0.0, at_most=7.0
+    )
     beam_max_m: float = option(
         20.0, "beams are drawn this far at most; bounds the map and its cost", above=0.0
     )

@@ -18,6 +18,7 @@ from ins_robot.estimation.node_map import LINK_RADIUS_M, NodeMap
 from ins_robot.estimation.scan_matching import Alignment, align, search
 from ins_robot.geometry.angles import FloatArray, wrap_rad
 from ins_robot.geometry.pose2 import compose, inverse
+from ins_robot.mapping.occupancy_grid import IntArray
 from ins_robot.mapping.surfels import Surfels
 
 DRIFT_M = 0.25  # search at least this far ...
@@ -85,9 +86,7 @@ class LoopCloser:
         self.attempts = 0
         self._pending: list[Closure] = []
 
-    def look(
-        self, nodes: NodeMap, node: int, linked: list[int], scan: Surfels
-    ) -> list[Closure]:
+    def look(self, nodes: NodeMap, node: int, linked: IntArray, scan: Surfels) -> list[Closure]:
         """Closures that are certain now; most times none."""
         found = self._search(nodes, node, linked, scan) or self._recheck(
             nodes, node, linked, scan
@@ -105,10 +104,10 @@ class LoopCloser:
         return [*agreeing, found]
 
     def _search(
-        self, nodes: NodeMap, node: int, linked: list[int], scan: Surfels
+        self, nodes: NodeMap, node: int, linked: IntArray, scan: Surfels
     ) -> Closure | None:
         pose = nodes.graph.poses[node].copy()
-        driven_m = nodes.travelled_m[node] - np.array(nodes.travelled_m)
+        driven_m = nodes.travelled_m[node] - nodes.travelled_m
         drift = np.minimum(DRIFT_M + DRIFT_PER_M * driven_m, DRIFT_MAX_M)
         distance = np.hypot(*(nodes.graph.poses[:, :2] - pose[:2]).T)
         is_candidate = distance < drift + NEAR_M
@@ -120,21 +119,19 @@ class LoopCloser:
         is_near = nodes.near(pose, LINK_RADIUS_M)
         is_near[linked] = False
         half_turn = min(TURN_RAD + TURN_PER_M * float(driven_m[centre]), TURN_MAX_RAD)
-        candidates = nodes.graph.linked([centre], is_near)
+        candidates = nodes.graph.linked(np.array([centre]), is_near)
         return self._fit(nodes, node, candidates, scan, float(drift[centre]), half_turn)
 
     def _recheck(
-        self, nodes: NodeMap, node: int, linked: list[int], scan: Surfels
+        self, nodes: NodeMap, node: int, linked: IntArray, scan: Surfels
     ) -> Closure | None:
         """Where the old part of the linked map, taken alone, puts the node."""
-        pose = nodes.graph.poses[node]
-        old = [
-            k
-            for k in linked
-            if nodes.travelled_m[node] - nodes.travelled_m[k] > OLD_M
-            and math.dist(nodes.graph.poses[k, :2], pose[:2]) < RECHECK_RADIUS_M
-        ]
-        if len(old) < RECHECK_NODES_MIN or (node % RECHECK_EVERY and not self._pending):
+        if node % RECHECK_EVERY and not self._pending:
+            return None
+        driven_m = nodes.travelled_m[node] - nodes.travelled_m[linked]
+        is_near = nodes.near(nodes.graph.poses[node], RECHECK_RADIUS_M)[linked]
+        old = linked[(driven_m > OLD_M) & is_near]
+        if len(old) < RECHECK_NODES_MIN:
             return None
         return self._fit(nodes, node, old, scan, RECHECK_M, RECHECK_RAD)
 
@@ -142,7 +139,7 @@ class LoopCloser:
         self,
         nodes: NodeMap,
         node: int,
-        candidates: list[int],
+        candidates: IntArray,
         scan: Surfels,
         half_width_m: float,
         half_turn_rad: float,

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ins_robot.estimation.growing_rows import GrowingRows
 from ins_robot.estimation.pose_graph import PoseGraph, heading_rotation
 from ins_robot.estimation.scan_matching import Alignment
 from ins_robot.geometry.angles import FloatArray
@@ -48,17 +49,22 @@ class NodeMap:
     def __init__(self) -> None:
         self.graph = PoseGraph()
         self.scans: list[LaserScan] = []
-        self.travelled_m: list[float] = []  # way driven when each node was made
-        self._bounds = [0]  # surfels of node k are [bounds[k], bounds[k + 1])
-        self._points = np.zeros((1024, 2))
-        self._normals = np.zeros((1024, 2))
-        self._is_flat = np.zeros(1024, dtype=bool)
-        self._std = np.zeros(1024)
-        self._tilt = np.zeros(1024)
-        self._sources = np.zeros(1024, dtype=np.int64)
+        self._travelled_m = GrowingRows(())
+        self._last = GrowingRows((), np.int64)  # surfels of node k end there
+        # metres from the node: single precision is a micrometre
+        self._points = GrowingRows((2,), np.float32)
+        self._normals = GrowingRows((2,), np.float32)
+        self._is_flat = GrowingRows((), np.bool_)
+        self._std = GrowingRows((), np.float32)
+        self._tilt = GrowingRows((), np.float32)
 
     def __len__(self) -> int:
         return len(self.graph)
+
+    @property
+    def travelled_m(self) -> FloatArray:
+        """(K,) way driven when each node was made."""
+        return self._travelled_m.all
 
     def add(
         self, pose: FloatArray, scan: LaserScan, surfels: Surfels, travelled_m: float
@@ -67,21 +73,13 @@ class NodeMap:
         surfels = surfels.take(~surfels.is_lone)
         node = self.graph.add_node(pose)
         self.scans.append(scan)
-        self.travelled_m.append(travelled_m)
-        first, last = self._bounds[-1], self._bounds[-1] + len(surfels)
-        while last > len(self._points):
-            self._points = np.concatenate([self._points, np.zeros_like(self._points)])
-            self._normals = np.concatenate([self._normals, np.zeros_like(self._normals)])
-            self._is_flat = np.concatenate([self._is_flat, np.zeros_like(self._is_flat)])
-            self._std = np.concatenate([self._std, np.zeros_like(self._std)])
-            self._tilt = np.concatenate([self._tilt, np.zeros_like(self._tilt)])
-            self._sources = np.concatenate([self._sources, np.zeros_like(self._sources)])
-        part = slice(first, last)
-        self._points[part], self._normals[part] = surfels.points_m, surfels.normals
-        self._is_flat[part], self._std[part] = surfels.is_flat, surfels.std_m
-        self._tilt[part] = surfels.tilt_std_rad
-        self._sources[part] = node
-        self._bounds.append(last)
+        self._travelled_m.add(travelled_m)
+        self._points.extend(surfels.points_m)
+        self._normals.extend(surfels.normals)
+        self._is_flat.extend(surfels.is_flat)
+        self._std.extend(surfels.std_m)
+        self._tilt.extend(surfels.tilt_std_rad)
+        self._last.add(len(self._points))
         return node
 
     def link_motion(
@@ -116,23 +114,22 @@ class NodeMap:
         off = self.graph.poses[:, :2] - position[:2]
         return np.asarray((off**2).sum(axis=1) < radius_m**2)
 
-    def linked(self, starts: list[int], pose: FloatArray) -> list[int]:
+    def linked(self, starts: IntArray, pose: FloatArray) -> IntArray:
         """Nodes near `pose` linked to those of `starts` without leaving the neighbourhood."""
         return self.graph.linked(starts, self.near(pose, LINK_RADIUS_M))
 
-    def nearest(self, nodes: list[int], pose: FloatArray) -> int:
+    def nearest(self, nodes: IntArray, pose: FloatArray) -> int:
         """The one of `nodes` nearest to `pose`."""
         off = self.graph.poses[nodes, :2] - pose[:2]
-        return nodes[int(np.argmin((off**2).sum(axis=1)))]
+        return int(nodes[np.argmin((off**2).sum(axis=1))])
 
-    def local_field(self, nodes: list[int], pose: FloatArray) -> LikelihoodField | None:
+    def local_field(self, nodes: IntArray, pose: FloatArray) -> LikelihoodField | None:
         """What the nearest of `nodes` saw around `pose`, from the side the robot is on."""
-        if not nodes:
+        if not len(nodes):
             return None
-        index = np.array(nodes)
-        off = self.graph.poses[index, :2] - pose[:2]
+        off = self.graph.poses[nodes, :2] - pose[:2]
         nearest = np.argsort((off**2).sum(axis=1), kind="stable")[:LOCAL_NODES]
-        surfels = self._gather(np.sort(index[nearest]))
+        surfels = self._gather(np.sort(nodes[nearest]))
         offset = surfels.points_m - pose[:2]
         in_front = (surfels.normals * offset).sum(axis=1) < BEHIND_M
         keep = (in_front | ~surfels.is_flat) & ((offset**2).sum(axis=1) < MATCH_RADIUS_M**2)
@@ -142,8 +139,11 @@ class NodeMap:
 
     def _gather(self, nodes: IntArray) -> Surfels:
         """Surfels of those nodes, in the map frame, in one go."""
-        rows = np.concatenate([np.arange(self._bounds[k], self._bounds[k + 1]) for k in nodes])
-        sources = self._sources[rows]
+        last = self._last.all
+        first = np.where(nodes > 0, last[nodes - 1], 0)
+        counts = last[nodes] - first
+        sources = np.repeat(nodes, counts)
+        rows = np.arange(len(sources)) + np.repeat(first - (np.cumsum(counts) - counts), counts)
         poses = self.graph.poses[sources]
         c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
 
@@ -151,11 +151,11 @@ class NodeMap:
             return np.stack([c * v[:, 0] - s * v[:, 1], s * v[:, 0] + c * v[:, 1]], axis=-1)
 
         return Surfels(
-            points_m=turn(self._points[rows]) + poses[:, :2],
-            normals=turn(self._normals[rows]),
-            is_flat=self._is_flat[rows],
-            std_m=self._std[rows],
-            tilt_std_rad=self._tilt[rows],
+            points_m=turn(self._points.all[rows]) + poses[:, :2],
+            normals=turn(self._normals.all[rows]),
+            is_flat=self._is_flat.all[rows],
+            std_m=self._std.all[rows].astype(np.float64),
+            tilt_std_rad=self._tilt.all[rows].astype(np.float64),
             is_lone=np.zeros(len(rows), dtype=bool),
             sources=sources,
         )

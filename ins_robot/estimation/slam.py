@@ -28,7 +28,7 @@ from ins_robot.estimation.wheel_scale import WheelScale, WheelScaleMeter
 from ins_robot.geometry.angles import FloatArray, wrap_rad
 from ins_robot.geometry.pose2 import Pose2, between, compose, inverse
 from ins_robot.mapping.likelihood_field import LikelihoodField
-from ins_robot.mapping.occupancy_grid import OccupancyGrid
+from ins_robot.mapping.occupancy_grid import IntArray, OccupancyGrid
 from ins_robot.mapping.surfels import Surfels, surfels_of_scan
 from ins_robot.messages import LaserScan, MotionIncrement, PoseEstimate
 
@@ -67,7 +67,7 @@ class Slam:
         self._travelled_m = 0.0
         self._field: LikelihoodField | None = None
         self._field_at = np.zeros(3)
-        self._linked: list[int] = []
+        self._linked = np.zeros(0, np.int64)
         self._wheel_scale = WheelScaleMeter()
         self.anchors: list[Anchor] = []
         self.loop_closures = 0
@@ -191,10 +191,12 @@ class Slam:
             self._field_at = pose
         return self._field
 
-    def _linked_near(self, pose: FloatArray) -> list[int]:
+    def _linked_near(self, pose: FloatArray) -> IntArray:
         """Nodes near a pose: those linked to the ones the robot was among, else all."""
-        everything = list(range(len(self._nodes)))
-        return self._nodes.linked(self._linked, pose) or self._nodes.linked(everything, pose)
+        linked = self._nodes.linked(self._linked, pose)
+        if len(linked):
+            return linked
+        return self._nodes.linked(np.arange(len(self._nodes)), pose)
 
     def _becomes_node(self, is_node: bool | None) -> bool:
         if is_node is not None:
@@ -217,7 +219,7 @@ class Slam:
         self._estimator.keep_node()
         self._since_node = None
         self._field = None
-        self._linked = [node]
+        self._linked = np.array([node])
         return node
 
     def _settle(self, node: int, surfels: Surfels) -> None:
@@ -238,7 +240,7 @@ class Slam:
 
     def _close_loops(self, node: int, surfels: Surfels) -> bool:
         """Whether a loop was closed that the graph has not settled yet."""
-        linked = self._nodes.linked([node], self._nodes.graph.poses[node])
+        linked = self._nodes.linked(np.array([node]), self._nodes.graph.poses[node])
         closures = self._closer.look(self._nodes, node, linked, surfels)
         for closure in closures:
             self._nodes.link_match(closure.node, closure.pose, closure.match, is_closure=True)
@@ -251,7 +253,7 @@ class Slam:
         if len(self._nodes) == 0:
             return
         node = len(self._nodes) - 1
-        if self._linked:
+        if len(self._linked):
             node = self._nodes.nearest(self._linked, self._estimator.pose())
         node_from_base = between(self._nodes.graph.poses[node], self._estimator.pose())
         node_from_base[2] = wrap_rad(float(node_from_base[2]))

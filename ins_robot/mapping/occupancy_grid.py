@@ -18,6 +18,7 @@ from scipy.spatial import cKDTree
 from ins_robot.config import MapConfig
 from ins_robot.geometry.angles import FloatArray
 from ins_robot.geometry.pose2 import Pose2
+from ins_robot.mapping.evidence_sums import UNIT, limit_units, steps_of
 from ins_robot.mapping.ray_cast import cast_rays
 from ins_robot.mapping.scan_footprint import ScanFootprint, draw_scan
 from ins_robot.mapping.silence import Silence, SilenceRules, read_silence
@@ -178,39 +179,57 @@ class OccupancyGrid:
         `range_trusted_m` and `map.silent_free_m` bound what silent beams may free. Returns what
         was drawn.
         """
+        footprint = self.footprint_of(scan, map_from_lrf, range_trusted_m)
+        self.add(footprint)
+        self.keep_readings(scan, map_from_lrf)
+        return footprint
+
+    def footprint_of(
+        self,
+        scan: LaserScan,
+        map_from_lrf: Pose2,
+        range_trusted_m: float,
+        wall_m: FloatArray | None = None,
+    ) -> ScanFootprint:
+        """What one scan would add.
+
+        Wide silence ends before the walls known here, or at `wall_m` (B,) if those are given.
+        """
         rules = SilenceRules(
             near_m=min(range_trusted_m, self._config.silent_free_m),
             trusted_m=range_trusted_m,
             wide_rad=math.radians(self._config.silent_wide_deg),
         )
         silence = read_silence(scan, rules)
-        footprint = draw_scan(
+        if wall_m is None and silence.wide_m.any():
+            wall_m = self._wall_m(scan, silence, map_from_lrf, range_trusted_m)
+        return draw_scan(
             scan,
             map_from_lrf,
             self.resolution_m,
-            self._silent_free_m(scan, silence, map_from_lrf, range_trusted_m),
-            silence.quiet_m,
+            silence,
+            wall_m,
             self._config.beam_max_m,
         )
-        self.add(footprint)
-        self._near.add(scan, map_from_lrf)
-        return footprint
 
-    def _silent_free_m(
+    def keep_readings(self, scan: LaserScan, map_from_lrf: Pose2) -> None:
+        """What a scan knows of walls, finer than cells."""
+        self._near.add(scan, map_from_lrf)
+
+    def _wall_m(
         self, scan: LaserScan, silence: Silence, map_from_lrf: Pose2, reach_m: float
     ) -> FloatArray:
-        """(B,) free way of silent beams; wide silence ends before known walls."""
+        """(B,) known walls ahead of beams in wide silence; inf for all others."""
         beams = np.flatnonzero(silence.wide_m)
         wall_m = np.full(len(silence.wide_m), np.inf)
-        if len(beams):
-            bearings = scan.bearings_rad[beams] + map_from_lrf.heading_rad
-            at = np.array([map_from_lrf.y_m, map_from_lrf.x_m]) / self.resolution_m
-            reach = math.ceil(reach_m / self.resolution_m) + 1
-            corner = np.floor(at).astype(np.int64) - reach
-            is_wall = self._walls_in(corner, 2 * reach + 1)
-            walls = cast_rays(is_wall, (at - corner)[None], bearings, float(reach))
-            wall_m[beams] = walls * self.resolution_m
-        return silence.free_before(wall_m)
+        bearings = scan.bearings_rad[beams] + map_from_lrf.heading_rad
+        at = np.array([map_from_lrf.y_m, map_from_lrf.x_m]) / self.resolution_m
+        reach = math.ceil(reach_m / self.resolution_m) + 1
+        corner = np.floor(at).astype(np.int64) - reach
+        is_wall = self._walls_in(corner, 2 * reach + 1)
+        walls = cast_rays(is_wall, (at - corner)[None], bearings, float(reach))
+        wall_m[beams] = walls * self.resolution_m
+        return wall_m
 
     def _walls_in(self, corner: IntArray, size: int) -> BoolArray:
         """(size, size) bool: what is occupied in a lattice window; nothing beyond the grid."""
@@ -232,13 +251,36 @@ class OccupancyGrid:
         row, col = self._grow_to(footprint.corner, (height, width))
         window = self.log_odds[row : row + height, col : col + width]
         self.is_quiet[row : row + height, col : col + width] |= footprint.is_quiet
-        step = np.where(
-            footprint.evidence > 0.0,
-            footprint.evidence * np.float32(self._config.hit_log_odds),
-            footprint.evidence * np.float32(self._config.miss_log_odds),
-        )
-        limit = np.float32(self._config.log_odds_max)
+        step = steps_of(footprint, self._config) * np.float32(UNIT)
+        limit = np.float32(limit_units(self._config) * UNIT)
         np.clip(window + step, -limit, limit, out=window)
+        self._forget()
+
+    def make_room(self, corner: tuple[int, int], end: tuple[int, int]) -> None:
+        """Grow to hold the lattice cells from `corner` to before `end`."""
+        if end > corner:
+            self._grow_to(corner, (end[0] - corner[0], end[1] - corner[1]))
+
+    def take_over(self, other: OccupancyGrid) -> None:
+        """Copy what both grids have room for; the rest stays."""
+        self.put(other._corner, other.log_odds, other.is_quiet)
+
+    def put(
+        self, corner: tuple[int, int], log_odds: NDArray[np.float32], is_quiet: BoolArray
+    ) -> None:
+        """Replace the cells of a lattice window; what lies outside the grid is dropped."""
+        ours, theirs = [], []
+        for i in (0, 1):
+            first = max(corner[i], self._corner[i])
+            last = min(corner[i] + log_odds.shape[i], self._corner[i] + self.shape[i])
+            ours.append(slice(first - self._corner[i], max(last - self._corner[i], 0)))
+            theirs.append(slice(first - corner[i], max(last - corner[i], 0)))
+        self.log_odds[tuple(ours)] = log_odds[tuple(theirs)]
+        self.is_quiet[tuple(ours)] = is_quiet[tuple(theirs)]
+        self._forget()
+
+    def _forget(self) -> None:
+        """What was made from the cells is out of date."""
         self._distance_m = self._clearance_m = self._walls = None
 
     def _grow_to(self, corner: tuple[int, int], size: tuple[int, int]) -> tuple[int, int]:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from ins_robot.geometry.angles import FloatArray
 from ins_robot.geometry.pose2 import Pose2
+from ins_robot.mapping.silence import Silence
 from ins_robot.messages import LaserScan
 
 MISS_WEIGHT_MIN = 0.25  # the way of a noisy beam was free all the same
@@ -33,25 +34,29 @@ class ScanFootprint:
         Weight in (0, 1] of a hit, minus the weight of a miss, 0 where the scan says nothing.
     is_quiet : (H, W) bool
         Crossed by silent beams that saw neither a wall nor its absence.
+    silent_wall_m : (B,) or None
+        Before which walls wide silence was taken to end; None without wide silence.
     """
 
     corner: tuple[int, int]
     evidence: NDArray[np.float32]
     is_quiet: NDArray[np.bool_]
+    silent_wall_m: FloatArray | None = None
 
 
 def draw_scan(
     scan: LaserScan,
     map_from_lrf: Pose2,
     resolution_m: float,
-    silent_free_m: FloatArray,
-    quiet_m: FloatArray,
+    silence: Silence,
+    silent_wall_m: FloatArray | None,
     beam_max_m: float,
 ) -> ScanFootprint:
     """Rasterise a scan taken at `map_from_lrf`.
 
-    `silent_free_m` (B,) and `quiet_m` (B,) are the ways of silent beams (`silence.Silence`).
+    Wide silence ends before walls at `silent_wall_m` (B,); None when there are none.
     """
+    silent_free_m = silence.free_before(np.inf if silent_wall_m is None else silent_wall_m)
     weights = beam_weights(scan, resolution_m)
     order = np.argsort(weights, kind="stable")  # heavier evidence is written later, and stays
     weights = weights[order]
@@ -59,7 +64,7 @@ def draw_scan(
     step_col, step_row = np.cos(bearings) / resolution_m, np.sin(bearings) / resolution_m
     start_col, start_row = map_from_lrf.x_m / resolution_m, map_from_lrf.y_m / resolution_m
     free_m = free_ranges_m(scan, resolution_m, silent_free_m, beam_max_m)[order]
-    quiet_m = quiet_m[order]
+    quiet_m = silence.quiet_m[order]
     ranges = scan.ranges_m[order]
     hit = np.nan_to_num(ranges, nan=np.inf) <= beam_max_m
     hit_col = np.floor(start_col + step_col[hit] * ranges[hit]).astype(np.int64)
@@ -68,7 +73,10 @@ def draw_scan(
     if not (reach > 0.0).any():
         nothing = np.zeros((0, 0))
         return ScanFootprint(
-            corner=(0, 0), evidence=nothing.astype(np.float32), is_quiet=nothing.astype(bool)
+            corner=(0, 0),
+            evidence=nothing.astype(np.float32),
+            is_quiet=nothing.astype(bool),
+            silent_wall_m=silent_wall_m,
         )
     end_col, end_row = start_col + step_col * reach, start_row + step_row * reach
     col, row = (
@@ -92,7 +100,9 @@ def draw_scan(
     flat[(hit_row - row) * width + (hit_col - col)] = weights[hit]
     is_quiet = np.zeros((height, width), bool)
     is_quiet.reshape(-1)[cells_along(quiet_m)[0]] = True
-    return ScanFootprint(corner=(row, col), evidence=evidence, is_quiet=is_quiet)
+    return ScanFootprint(
+        corner=(row, col), evidence=evidence, is_quiet=is_quiet, silent_wall_m=silent_wall_m
+    )
 
 
 def beam_weights(scan: LaserScan, resolution_m: float) -> FloatArray:

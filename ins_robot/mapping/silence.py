@@ -62,7 +62,7 @@ class Silence:
     wide_m: FloatArray
     quiet_m: FloatArray
 
-    def free_before(self, wall_m: FloatArray) -> FloatArray:
+    def free_before(self, wall_m: FloatArray | float) -> FloatArray:
         """(B,) what is free, where walls are known at `wall_m` (B,)."""
         return np.maximum(self.free_m, np.minimum(self.wide_m, wall_m))
 

@@ -30,20 +30,18 @@ class NearReadings:
     def __init__(self) -> None:
         self._points = np.zeros((0, 2))
         self._ranges = np.zeros(0)
-        self._new: list[tuple[FloatArray, FloatArray]] = []
+        self._new: list[tuple[LaserScan, Pose2]] = []
 
     def add(self, scan: LaserScan, map_from_lrf: Pose2) -> None:
-        """Take a scan in, taken at `map_from_lrf`."""
-        near = np.nan_to_num(scan.ranges_m, nan=np.inf) <= RINGS_M[-1]
-        ranges, bearings = scan.ranges_m[near], scan.bearings_rad[near]
-        ends = np.stack([ranges * np.cos(bearings), ranges * np.sin(bearings)], axis=-1)
-        self._new.append((map_from_lrf.apply(ends), ranges))
+        """Take a scan in, taken at `map_from_lrf`; it is looked at when asked for."""
+        self._new.append((scan, map_from_lrf))
 
     def all(self) -> tuple[FloatArray, FloatArray]:
         """(N, 2) end points and (N,) the ranges they were seen from."""
         if self._new:
-            points = np.concatenate([self._points, *(points for points, _ in self._new)])
-            ranges = np.concatenate([self._ranges, *(ranges for _, ranges in self._new)])
+            seen = [_near_ends(scan, map_from_lrf) for scan, map_from_lrf in self._new]
+            points = np.concatenate([self._points, *(points for points, _ in seen)])
+            ranges = np.concatenate([self._ranges, *(ranges for _, ranges in seen)])
             self._new.clear()
             squares = np.floor(points / THIN_M).astype(np.int64)
             order = np.lexsort((ranges, squares[:, 1], squares[:, 0]))
@@ -53,6 +51,14 @@ class NearReadings:
             kept = np.sort(order[first])
             self._points, self._ranges = points[kept], ranges[kept]
         return self._points, self._ranges
+
+
+def _near_ends(scan: LaserScan, map_from_lrf: Pose2) -> tuple[FloatArray, FloatArray]:
+    """(N, 2) map-frame ends and (N,) ranges of a scan's near readings."""
+    near = np.nan_to_num(scan.ranges_m, nan=np.inf) <= RINGS_M[-1]
+    ranges, bearings = scan.ranges_m[near], scan.bearings_rad[near]
+    ends = np.stack([ranges * np.cos(bearings), ranges * np.sin(bearings)], axis=-1)
+    return map_from_lrf.apply(ends), ranges
 
 
 def wall_points(

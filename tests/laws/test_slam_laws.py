@@ -25,7 +25,7 @@ from ins_robot.config import MapConfig, SlamConfig
 from ins_robot.estimation.node_map import NodeMap
 from ins_robot.estimation.particle_filter import ParticleFilter
 from ins_robot.estimation.pose_graph import PoseGraph
-from ins_robot.estimation.rendered_map import RenderedMap
+from ins_robot.estimation.rendered_map import STRIP_NODES, RenderedMap
 from ins_robot.estimation.resampling import (
     effective_sample_size,
     normalise,
@@ -219,24 +219,68 @@ def test_relaxation_does_not_depend_on_where_the_map_lies():
     assert compose(carried, graph.poses) == pytest.approx(away.poses, abs=1e-4)
 
 
-def test_rendering_commutes_with_moving_nodes():
+BASE_FROM_LRF = Pose2(0.1, 0.0, 0.2)
+BUILDING_SIDE_M = 0.6
+
+
+def rendered_nodes(count, **more):
+    """That many nodes in a room, their map, and the grid it is drawn to."""
     rng = np.random.default_rng(4)
-    scans = [scan_at(ROOM, (x, 0.0, 0.0), rng, full_turn()) for x in (0.0, 0.5, 1.0)]
-    poses = np.array([(0.0, 0.0, 0.0), (0.5, 0.0, 0.0), (1.0, 0.0, 0.0)])
-    moved = compose([0.7, -0.4, 0.6], poses)
-    base_from_lrf = Pose2(0.1, 0.0, 0.2)
-    nodes = NodeMap()
-    rendered = RenderedMap(MapConfig(), base_from_lrf, 3.0)
-    for scan, pose in zip(scans, poses, strict=True):
+    nodes, rendered = NodeMap(), RenderedMap(MapConfig(), BASE_FROM_LRF, 3.0)
+    for k in range(count):
+        pose = np.array([BUILDING_SIDE_M * (k % 3), 0.1 * (k % 5), 0.3 * k])
+        pose[2] = wrap_rad(float(pose[2]))
+        scan = scan_at(ROOM, pose, rng, full_turn(), **more)
         nodes.add(pose, scan, surfels_of_scan(scan, BEARING_STD_RAD, 12.0), 0.0)
-    assert rendered.grid(nodes).is_occupied.any()
-    nodes.graph.poses[:] = moved
-    redrawn = rendered.grid(nodes)
+        if k % 4 == 0:
+            assert rendered.grid(nodes).is_occupied.any()
+    return nodes, rendered
+
+
+def drawn_at_once(nodes):
     direct = OccupancyGrid(MapConfig().resolution_m, MapConfig())
-    for scan, pose in zip(scans, moved, strict=True):
-        direct.integrate(scan, Pose2.from_array(pose) @ base_from_lrf, 3.0)
-    assert redrawn.origin_m == direct.origin_m
-    assert (redrawn.log_odds == direct.log_odds).all()
+    for scan, pose in zip(nodes.scans, nodes.graph.poses, strict=True):
+        direct.integrate(scan, Pose2.from_array(pose) @ BASE_FROM_LRF, 3.0)
+    return direct
+
+
+def is_same(one, other):
+    assert one.origin_m == other.origin_m
+    assert (one.log_odds == other.log_odds).all()
+    assert (one.is_quiet == other.is_quiet).all()
+    assert np.array_equal(
+        np.sort(one.walls().data, axis=0), np.sort(other.walls().data, axis=0)
+    )
+    return True
+
+
+@pytest.mark.parametrize("missing", [0.0, 0.3])
+def test_rendering_commutes_with_moving_nodes(missing):
+    """To the bit: all of them, one in the middle, and while it goes on."""
+    nodes, rendered = rendered_nodes(3 * STRIP_NODES + 5, missing=missing)
+    nodes.graph.poses[:] = compose([0.7, -0.4, 0.6], nodes.graph.poses)
+    assert is_same(rendered.grid(nodes), drawn_at_once(nodes))
+    for moved in (slice(STRIP_NODES + 3, STRIP_NODES + 4), slice(5, 60)):
+        nodes.graph.poses[moved] = compose([0.1, 0.3, -0.2], nodes.graph.poses[moved])
+        assert is_same(rendered.grid(nodes), drawn_at_once(nodes))
+    scan = nodes.scans[0]
+    nodes.add(np.zeros(3), scan, surfels_of_scan(scan, BEARING_STD_RAD, 12.0), 0.0)
+    assert is_same(rendered.grid(nodes), drawn_at_once(nodes))
+
+
+def test_only_the_strip_of_a_node_that_moved_is_drawn_again(monkeypatch):
+    nodes, rendered = rendered_nodes(3 * STRIP_NODES)
+    rendered.grid(nodes)
+    drawn = []
+    one = OccupancyGrid.footprint_of
+    monkeypatch.setattr(
+        OccupancyGrid, "footprint_of", lambda *args: drawn.append(1) or one(*args)
+    )
+    nodes.graph.poses[STRIP_NODES] += [0.1, 0.0, 0.0]
+    rendered.grid(nodes)
+    assert len(drawn) == STRIP_NODES
+    rendered.grid(nodes)
+    assert len(drawn) == STRIP_NODES
 
 
 def run(seed):
