@@ -76,7 +76,7 @@ class LaserScan:
         No reading beyond this was accepted.
     rpm : float
         Rotation speed; NaN when the log does not tell.
-    valid_counts : (B,) int64
+    valid_counts : (B,) integer
         How many revolutions agreed on the beam (1 or 0 for a single revolution).
     is_free_when_silent : bool
         True when "no reading" means that nothing was there (never on an XV-11).

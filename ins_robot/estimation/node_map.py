@@ -111,8 +111,8 @@ class NodeMap:
 
     def near(self, position: FloatArray, radius_m: float) -> BoolArray:
         """(K,) bool: nodes within that distance of (x, y)."""
-        off = self.graph.poses[:, :2] - position[:2]
-        return np.asarray((off**2).sum(axis=1) < radius_m**2)
+        x, y = self.graph.poses[:, 0] - position[0], self.graph.poses[:, 1] - position[1]
+        return np.asarray(x * x + y * y < radius_m**2)
 
     def linked(self, starts: IntArray, pose: FloatArray) -> IntArray:
         """Nodes near `pose` linked to those of `starts` without leaving the neighbourhood."""
@@ -128,8 +128,10 @@ class NodeMap:
         if not len(nodes):
             return None
         off = self.graph.poses[nodes, :2] - pose[:2]
-        nearest = np.argsort((off**2).sum(axis=1), kind="stable")[:LOCAL_NODES]
-        surfels = self._gather(np.sort(nodes[nearest]))
+        square = (off**2).sum(axis=1)
+        if len(nodes) > LOCAL_NODES:
+            nodes = nodes[np.argpartition(square, LOCAL_NODES)[:LOCAL_NODES]]
+        surfels = self._gather(np.sort(nodes))
         offset = surfels.points_m - pose[:2]
         in_front = (surfels.normals * offset).sum(axis=1) < BEHIND_M
         keep = (in_front | ~surfels.is_flat) & ((offset**2).sum(axis=1) < MATCH_RADIUS_M**2)

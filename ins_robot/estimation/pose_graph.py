@@ -85,17 +85,17 @@ class PoseGraph:
         is_reached = np.zeros(len(self), bool)
         is_reached[starts] = True
         is_reached &= is_near
-        start, end = self._ends.all.T
-        inside = np.flatnonzero(is_near[start] & is_near[end])
-        start, end = start[inside], end[inside]
+        both = is_near.take(self._ends.all)
+        ends = self._ends.all.take(np.flatnonzero(both[:, 0] & both[:, 1]), axis=0)
+        start, end = ends.T.copy()
         while True:
-            from_start, from_end = is_reached[start], is_reached[end]
-            is_reached[end[from_start]] = True
-            is_reached[start[from_end]] = True
-            if not (from_start != from_end).any():
+            from_start, from_end = is_reached.take(start), is_reached.take(end)
+            is_open = from_start != from_end
+            if not is_open.any():
                 return np.flatnonzero(is_reached)
-            rest = ~(from_start | from_end)
-            start, end = start[rest], end[rest]
+            is_reached[start[is_open]] = is_reached[end[is_open]] = True
+            rest = np.flatnonzero(~(from_start | from_end))
+            start, end = start.take(rest), end.take(rest)
 
     def relax(self) -> FloatArray:
         """Move the nodes to where all agrees best; (K,) metres that each went."""

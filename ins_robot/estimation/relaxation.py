@@ -140,10 +140,13 @@ class _Linear:
     chi2: FloatArray  # (E,)
     sight_chi2: FloatArray  # (S,)
 
+    def left(self) -> FloatArray:
+        """(2, E, 3, 3) slopes, transposed, times weights: what the normal equations have."""
+        return np.asarray(self.slopes.swapaxes(-1, -2) @ self.weighted)
+
     def pulls(self) -> FloatArray:
         """(2, E, 3) gradient of each edge by its start and by its end."""
-        left = self.slopes.swapaxes(-1, -2) @ self.weighted
-        return np.asarray((left @ self.error[..., None])[..., 0])
+        return np.asarray((self.left() @ self.error[..., None])[..., 0])
 
 
 def _linear(state: State, window: Constraints) -> _Linear:
@@ -189,8 +192,8 @@ def _step(state: State, window: Constraints, is_free: BoolArray) -> FloatArray:
     ends, axis = slot[window.ends], np.arange(POSE_SIZE)
     gradient = np.zeros(size)
     rows, cols, values = [], [], []
-    left = linear.slopes.swapaxes(-1, -2) @ linear.weighted
-    pulls = linear.pulls()
+    left = linear.left()
+    pulls = (left @ linear.error[..., None])[..., 0]
     for i in (0, 1):
         here = np.flatnonzero(ends[:, i] >= 0)
         at = POSE_SIZE * ends[here, i, None] + axis
@@ -232,6 +235,7 @@ def _step(state: State, window: Constraints, is_free: BoolArray) -> FloatArray:
 
 def _pulled(before: State, after: State, window: Constraints, is_free: BoolArray) -> BoolArray:
     """(K,) bool: held nodes that would move now, as what is beside them has moved."""
+    window = window.of(np.flatnonzero(~is_free[window.ends].all(axis=1)))  # its rim
     old, new = _linear(before, window), _linear(after, window)
     force, stiffness = np.zeros(before.poses.shape), np.zeros((*is_free.shape, 3, 3))
     change = new.pulls() - old.pulls() * ~window.is_new[:, None]

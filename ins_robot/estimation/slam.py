@@ -240,8 +240,8 @@ class Slam:
 
     def _close_loops(self, node: int, surfels: Surfels) -> bool:
         """Whether a loop was closed that the graph has not settled yet."""
-        linked = self._nodes.linked(np.array([node]), self._nodes.graph.poses[node])
-        closures = self._closer.look(self._nodes, node, linked, surfels)
+        self._linked = self._nodes.linked(self._linked, self._nodes.graph.poses[node])
+        closures = self._closer.look(self._nodes, node, self._linked, surfels)
         for closure in closures:
             self._nodes.link_match(closure.node, closure.pose, closure.match, is_closure=True)
         if all(closure.is_settled for closure in closures):

@@ -170,7 +170,7 @@ def _scan_record(stamp_s: float, ranges_m: FloatArray, way: _Way) -> LogRecord:
         beam_offsets_s=offsets_s,
         range_max_m=XV11.range_max_m,
         rpm=60.0 / SWEEP_TIME_S,
-        valid_counts=is_valid.astype(np.int64),
+        valid_counts=is_valid.astype(np.int8),
     )
     pose = way.poses_at(np.array([stamp_s]))[0]
     return LogRecord(

@@ -168,7 +168,7 @@ class _ScanParser:
             range_std_m=np.where(is_valid, RANGE_STD_M, np.nan),
             beam_offsets_s=zeros,
             range_max_m=limit_m,
-            valid_counts=is_valid.astype(np.int64),
+            valid_counts=is_valid.astype(np.int8),
         )
 
 

@@ -134,5 +134,5 @@ def _scan(line: Line) -> LaserScan:
         range_std_m=np.where(is_valid, RANGE_STD_M, np.nan),
         beam_offsets_s=np.full(beams, -SCAN_DELAY_S),
         range_max_m=RANGE_MAX_M,
-        valid_counts=is_valid.astype(np.int64),
+        valid_counts=is_valid.astype(np.int8),
     )
