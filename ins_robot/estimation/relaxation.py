@@ -24,7 +24,7 @@ STEPS_MAX = 6  # once the window is wide enough
 CONVERGED_M = 5e-4  # the next step would be its square
 CONSISTENT_CHI2 = 1e-12
 FADE_CHI2 = 25.0  # a closure off by more than this fades
-PULLED = np.array([3e-4, 3e-4, 1e-4])  # m, m, rad: what would move by more is not held
+PULLED = np.array([5e-4, 5e-4, 2e-4])  # m, m, rad: what would move by more is not held
 WHOLE_SHARE = 0.8  # a window of more nodes than this is the whole graph at once
 REGULAR = 1e-9
 
