@@ -21,10 +21,10 @@ from ins_robot.mapping.occupancy_grid import BoolArray, IntArray
 
 POSE_SIZE = 3
 STEPS_MAX = 6  # once the window is wide enough
-CONVERGED_M = 5e-4  # the next step would be its square
+CONVERGED_M = 1e-4
 CONSISTENT_CHI2 = 1e-12
 FADE_CHI2 = 25.0  # a closure off by more than this fades
-PULLED = np.array([5e-4, 5e-4, 2e-4])  # m, m, rad: what would move by more is not held
+PULLED_M, PULLED_RAD = 3e-4, 1e-4  # what would move by more is not held
 WHOLE_SHARE = 0.8  # a window of more nodes than this is the whole graph at once
 REGULAR = 1e-9
 
@@ -251,7 +251,7 @@ def _pulled(before: State, after: State, window: Constraints, is_free: BoolArray
     pulled[0] = False
     node = np.flatnonzero(pulled)
     step = np.linalg.solve(stiffness[node] + np.eye(3), force[node, :, None])[..., 0]
-    pulled[node] = (np.abs(step) > PULLED).any(axis=1)
+    pulled[node] = (np.hypot(*step[:, :2].T) > PULLED_M) | (np.abs(step[:, 2]) > PULLED_RAD)
     return pulled
 
 
