@@ -188,8 +188,8 @@ def _step(state: State, window: Constraints, is_free: BoolArray) -> FloatArray:
     linear = _linear(state, window)
     if max(linear.chi2.max(initial=0.0), linear.sight_chi2.max(initial=0.0)) < CONSISTENT_CHI2:
         return np.zeros(size)
-    slot = np.where(is_free, np.cumsum(is_free) - 1, -1)
-    ends, axis = slot[window.ends], np.arange(POSE_SIZE)
+    slot = np.where(is_free, np.cumsum(is_free) - 1, -1).astype(np.int32)
+    ends, axis = slot[window.ends], np.arange(POSE_SIZE, dtype=np.int32)
     gradient = np.zeros(size)
     rows, cols, values = [], [], []
     left = linear.left()
@@ -206,7 +206,7 @@ def _step(state: State, window: Constraints, is_free: BoolArray) -> FloatArray:
             rows.append(np.broadcast_to(row, block.shape).ravel())
             cols.append(np.broadcast_to(col, block.shape).ravel())
             values.append(block.ravel())
-    direction = POSE_SIZE * count + window.seen[:, 1]
+    direction = (POSE_SIZE * count + window.seen[:, 1]).astype(np.int32)
     heading = POSE_SIZE * slot[window.seen[:, 0]] + 2
     weights, moves = linear.weights, heading >= 0
     pull = weights * linear.off_rad
@@ -215,7 +215,7 @@ def _step(state: State, window: Constraints, is_free: BoolArray) -> FloatArray:
     rows += [direction, heading[moves], heading[moves], direction[moves]]
     cols += [direction, heading[moves], direction[moves], heading[moves]]
     values += [weights, weights[moves], -weights[moves], -weights[moves]]
-    everything = np.arange(size)
+    everything = np.arange(size, dtype=np.int32)
     matrix = coo_matrix(
         (
             np.concatenate([*values, np.full(size, REGULAR)]),

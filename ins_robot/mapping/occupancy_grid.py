@@ -4,16 +4,16 @@
 Cells are (row, col), row grows with +y; metres are (x, y); conversion happens only here. The
 grid grows in blocks whose corners lie on one fixed lattice, so that grids built from the same
 scans by other ways hold the same cells. Elfes (1989); Thrun, Burgard, Fox (2005), chapter 9.
+What only navigation asks for imports its part of scipy then: 9 MB that a replay does without.
 """
 
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import binary_dilation, distance_transform_edt
-from scipy.spatial import cKDTree
 
 from ins_robot.config import MapConfig
 from ins_robot.geometry.angles import FloatArray
@@ -24,6 +24,9 @@ from ins_robot.mapping.scan_footprint import ScanFootprint, draw_scan
 from ins_robot.mapping.silence import Silence, SilenceRules, read_silence
 from ins_robot.mapping.wall_points import NearReadings, wall_points
 from ins_robot.messages import LaserScan
+
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
 
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
@@ -119,6 +122,8 @@ class OccupancyGrid:
         What was hit goes on behind the face that was seen; nobody has seen how far. Not where
         a silent beam has passed: no wall ends there.
         """
+        from scipy.ndimage import binary_dilation
+
         occupied = self.is_occupied
         beside: BoolArray = binary_dilation(occupied, np.ones((3, 3), bool))
         return occupied | (self.is_unknown & beside & ~self.is_quiet)
@@ -129,6 +134,8 @@ class OccupancyGrid:
         Cached until the grid changes; the array is read-only.
         """
         if self._distance_m is None:
+            from scipy.ndimage import distance_transform_edt
+
             solid = self.is_solid
             if solid.any():
                 distance = distance_transform_edt(~solid, sampling=self.resolution_m)
@@ -144,6 +151,8 @@ class OccupancyGrid:
         Cached until the grid changes.
         """
         if self._walls is None:
+            from scipy.spatial import cKDTree
+
             points, ranges = self._near.all()
             cells = self.cells(points)
             drawn = self.contains(cells)

@@ -10,8 +10,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import binary_dilation
-from scipy.spatial import cKDTree
 
 from ins_robot.geometry.angles import FloatArray
 from ins_robot.geometry.pose2 import Pose2
@@ -79,6 +77,9 @@ def wall_points(
     """
     if len(points_m) == 0:
         return points_m, np.zeros(is_occupied.shape, bool)
+    from scipy.ndimage import binary_dilation
+    from scipy.spatial import cKDTree
+
     beside = binary_dilation(is_occupied, np.ones((3, 3), bool))
     real = beside[cells[:, 0], cells[:, 1]]
     points_m, ranges_m, cells = points_m[real], ranges_m[real], cells[real]
