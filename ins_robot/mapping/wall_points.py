@@ -102,5 +102,7 @@ def wall_points(
 
 def _is_alone(points_m: FloatArray) -> BoolArray:
     """(N,) bool: which points (N, 2) have no other within SAME_M."""
+    from scipy.spatial import cKDTree
+
     away, _ = cKDTree(points_m).query(points_m, k=2, distance_upper_bound=SAME_M)
     return np.asarray(~np.isfinite(away[:, 1]))
