@@ -26,6 +26,7 @@ CONSISTENT_CHI2 = 1e-12
 FADE_CHI2 = 25.0  # a closure off by more than this fades
 PULLED_M, PULLED_RAD = 3e-4, 1e-4  # what would move by more is not held
 WHOLE_SHARE = 0.8  # a window of more nodes than this is the whole graph at once
+WHOLE_NODES = 300  # a graph this small costs no more as a whole
 REGULAR = 1e-9
 
 
@@ -88,7 +89,8 @@ class State:
 def relax(state: State, constraints: Constraints, is_new: BoolArray) -> State:
     """The state where all agrees best; elsewhere than at `is_new` (K,) it agreed before."""
     before, hops, steps = state, 0, 0
-    is_free = np.full(is_new.shape, _fades(state, constraints))
+    is_small = len(is_new) <= WHOLE_NODES
+    is_free = np.full(is_new.shape, is_small or _fades(state, constraints))
     pulled = is_new
     while steps < STEPS_MAX:
         if pulled.any():
