@@ -68,6 +68,11 @@ def test_narrow_silence_and_a_scan_without_readings_say_nothing():
     blind = read_silence(scan_of(np.full(360, np.nan)), RULES)
     assert not blind.wide_m.any()
     assert not blind.free_m.any()
+    assert not blind.quiet_m.any()
+    stray = np.full(360, np.nan)
+    stray[[10, 100, 200]] = 5.0
+    told = read_silence(scan_of(stray), RULES)
+    assert max(told.free_m.max(), told.wide_m.max(), told.quiet_m.max()) == 0.0
 
 
 def test_silence_does_not_reach_past_a_wall_on_the_map():
