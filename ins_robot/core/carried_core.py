@@ -45,27 +45,27 @@ class CarriedCore(RunCore):
 
     def compute(self, job: ScanJob) -> ScanOutcome:
         """The heavy part; without an estimate in the outcome, the scan fits nowhere."""
+        stamp_s = job.scan.stamp_s
+        self.last_stamp_s = max(self.last_stamp_s, stamp_s)
         motion = self.survey.place(job.scan, job.motion)
         if motion is None:
+            self._forget(job)
             return ScanOutcome(job=job, estimate=None, decision=None)
-        return super().compute(replace(job, motion=motion))
-
-    def apply(self, outcome: ScanOutcome) -> None:
-        """Take the pose over, or forget that the scan was taken."""
-        stamp_s = outcome.job.scan.stamp_s
-        self.last_stamp_s = max(self.last_stamp_s, stamp_s)
-        if outcome.estimate is None:
-            self.refused_scans += 1
-            self.scans -= 1
-            del self._odom_at_scans[stamp_s]
-            before_s = outcome.job.motion.from_stamp_s
-            self._located_at_s = before_s if self._odom_at_scans else None
-            return
-        super().apply(outcome)
-        self.trajectory.add(stamp_s, outcome.job.odom_from_base)
+        outcome = super().compute(replace(job, motion=motion))
+        assert outcome.estimate is not None
+        self.trajectory.add(stamp_s, job.odom_from_base)
         before, self._scanned_at = self._scanned_at, outcome.estimate.pose
         if before is not None:
             self.path_length_m += before.distance_m(self._scanned_at)
+        return outcome
+
+    def _forget(self, job: ScanJob) -> None:
+        """The scan was not taken."""
+        self.refused_scans += 1
+        self.scans -= 1
+        del self._odom_at_scans[job.scan.stamp_s]
+        before_s = job.motion.from_stamp_s
+        self._located_at_s = before_s if self._odom_at_scans else None
 
 
 def make_core(config: Config, rng: np.random.Generator, timer_s: Timer) -> RunCore:

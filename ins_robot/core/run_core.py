@@ -3,8 +3,8 @@
 
 The daemon journals what enters here, message by message and mark by mark; replay reads the
 journal and calls the same methods. A scan is prepared on the event loop (cheap), computed in
-the worker (`compute`), and applied on the loop. SLAM lives in the map frame and the Kalman
-filter in the odom frame, so when it is applied changes only where the robot is steered.
+the worker (`compute`). SLAM lives in the map frame and the Kalman filter in the odom frame, so
+when it is done changes only where the robot is steered.
 """
 
 from __future__ import annotations
@@ -188,17 +188,17 @@ class RunCore:
         return self._job(scan, None, is_node=None)
 
     def compute(self, job: ScanJob) -> ScanOutcome:
-        """The heavy part; in the worker."""
+        """The heavy part; in the worker. From its end on the correction steers the robot.
+
+        Nobody need wait for it: a scan that is in the recording counts, as it will in replay.
+        """
+        decision: Decision | None = None
         if job.sector is None:
             estimate = self.survey.scan_on_the_way(job.scan, job.motion)
-            return ScanOutcome(job=job, estimate=estimate, decision=None)
-        estimate, decision = self.survey.scan_at_node(job.scan, job.motion, job.sector)
+        else:
+            estimate, decision = self.survey.scan_at_node(job.scan, job.motion, job.sector)
+        self.map_from_odom = estimate.pose @ job.odom_from_base.inverse()
         return ScanOutcome(job=job, estimate=estimate, decision=decision)
-
-    def apply(self, outcome: ScanOutcome) -> None:
-        """Let the correction steer the robot."""
-        assert outcome.estimate is not None
-        self.map_from_odom = outcome.estimate.pose @ outcome.job.odom_from_base.inverse()
 
     def give_up(self, goal: Drive, why: str, pose: Pose2) -> Decision:
         """The goal could not be reached; in the worker."""

@@ -99,7 +99,6 @@ class ManualMission(RunUnderWay):
         mark = self._mark("put_down", pose=[place.x_m, place.y_m, place.heading_rad])
         self.core.put_down(mark.stamp_s, place)
         outcome = await self._in_worker(self.core.compute, await self._node_scan())
-        self.core.apply(outcome)
         if outcome.decision is None:
             raise StateError(self._send_back())
         self._take(outcome.decision)

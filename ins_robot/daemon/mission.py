@@ -251,7 +251,6 @@ class Mission(RunUnderWay):
     async def _steer_by(self, computing: Awaitable[ScanOutcome]) -> ScanOutcome:
         try:
             outcome = await computing
-            self.core.apply(outcome)
             await self._look_out()
         finally:
             self._is_surveying = False

@@ -111,7 +111,6 @@ class JournalReplay:
             unknown = np.diag(np.square(UNKNOWN_MOTION_STD))
             job = replace(job, motion=replace(job.motion, delta=Pose2(), covariance=unknown))
         outcome = self.core.compute(job)
-        self.core.apply(outcome)
         if outcome.decision is not None:
             self.decision = outcome.decision
 
