@@ -191,8 +191,7 @@ class RunUnderWay(ABC):
 
     async def forbid(self, zones: tuple[Zone, ...]) -> None:
         """No-go zones and virtual walls from now on."""
-        if not self.state.is_over:  # its recording may be closed
-            self._mark("zones", zones=zones_as_json(zones))
+        self._mark("zones", zones=zones_as_json(zones))
         await self._in_worker(self.core.forbid, zones)
 
     async def go_to(self, place_m: Place) -> None:

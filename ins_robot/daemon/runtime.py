@@ -204,6 +204,8 @@ class Robot:
 
     async def forbid(self, zones: tuple[Zone, ...]) -> None:
         """No-go zones and virtual walls, in the run under way or on the map after one."""
+        while self.mission is not None and self.mission.state.is_over:
+            await self.finished.wait()  # what is saved is as its recording tells it
         on_map = self.mission or self._after
         if on_map is not None:
             await on_map.forbid(zones)

@@ -116,3 +116,29 @@ async def _refusal(asked) -> str:
     with pytest.raises(StateError) as told:
         await asked
     return str(told.value)
+
+
+def test_a_scan_that_is_being_computed_counts_though_the_run_is_stopped(tmp_path: Path) -> None:
+    """And zones that come while it is saved are none of its own."""
+
+    async def story(at: Live) -> None:
+        await at.commands.start("cut")
+        mission = await at.until("driving")
+        while mission.core.scans < 2 or str(mission.state) != "thinking":
+            asyncio.get_running_loop().job_s = 0.8
+            await asyncio.sleep(0.05)
+        async with asyncio.TaskGroup() as group:
+            group.create_task(at.commands.stop())
+            while not mission.state.is_over:  # noqa: ASYNC110 - no event
+                await asyncio.sleep(0.0)
+            wall = {"name": "late", "kind": "wall", "points": [[9, 0], [9, 1]]}
+            group.create_task(at.commands.add_zone(wall))
+        assert [zone.name for zone in mission.core.survey.explorer.bounds.zones] == ["late"]
+
+    run_slow(live(story, tmp_path))
+    run = tmp_path / "0001-cut"
+    summary = json.loads((run / "summary.json").read_text())
+    again = replay_journal(run / "run.journal", JournalOptions(), lambda: 0.0)
+    assert again.summary()["home_m"] == summary["home_m"]
+    assert not again.zones
+    assert not (run / "zones.json").exists()
