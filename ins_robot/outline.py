@@ -13,7 +13,8 @@ from itertools import combinations
 Point = tuple[float, float]
 Corners = tuple[Point, ...]
 
-CORNERS_MIN = 3
+CORNERS_MIN, CORNERS_MAX = 3, 200  # every side is held against every other
+COORDINATE_MAX_M = 1000.0  # from the start: no map gets there
 AREA_MIN_M2 = 1e-4
 
 
@@ -22,6 +23,10 @@ def flaw_of(corners_m: Sequence[Point]) -> str | None:
     count = len(corners_m)
     if count < CORNERS_MIN:
         return f"{count} corners, a polygon needs at least {CORNERS_MIN}"
+    if count > CORNERS_MAX:
+        return f"{count} corners, at most {CORNERS_MAX} are allowed: leave out the finest"
+    if not all(abs(v) <= COORDINATE_MAX_M for corner in corners_m for v in corner):
+        return f"it reaches further than {COORDINATE_MAX_M:g} m from the start"
     sides = list(zip(corners_m, [*corners_m[1:], corners_m[0]], strict=True))
     for i, j in combinations(range(count), 2):
         is_beside = j == i + 1 or (i == 0 and j == count - 1)

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import Any
 
 from ins_robot import __version__
 from ins_robot.core.run_result import RunResult
@@ -23,7 +23,6 @@ from ins_robot.mapping.map_files import TernaryMap, pgm_bytes, yaml_text
 from ins_robot.mapping.zones import Zone, zone_of, zones_as_json
 from ins_robot.sensing.scan_summary import polar_picture
 
-T = TypeVar("T")
 FILES = {"png": MAP_PNG, "pgm": MAP_PGM, "yaml": MAP_YAML}
 
 
@@ -38,6 +37,10 @@ class DaemonCommands:
 
     async def start(self, name: str) -> str:
         """Begin a run; its full name."""
+        async with self._one_change:  # a zone added meanwhile would not be the run's
+            return self._begin(name, await asyncio.to_thread(self._zones.load))
+
+    def _begin(self, name: str, zones: tuple[Zone, ...]) -> str:
         under_way = self._robot.mission
         if under_way is not None:
             what = (
@@ -56,7 +59,6 @@ class DaemonCommands:
                 f"stopped: {self._robot.stop_latch.reason}; `ins-robot clear` releases it"
             )
         self._robot.single_scan.check_idle()
-        zones = self._zones.load()
         directory = self._store.create(name)
         self._robot.begin(directory, directory.name, zones)
         return directory.name
@@ -183,19 +185,19 @@ class DaemonCommands:
 
     async def zones(self) -> list[dict[str, Any]]:
         """All zones."""
-        return zones_as_json(self._zones.load())
+        return zones_as_json(await asyncio.to_thread(self._zones.load))
 
     async def add_zone(self, zone: dict[str, Any]) -> None:
         """One more, for the run under way and all later ones."""
-        await self._forbid(self._zones.add, zone_of(zone))
+        await self._forbid(lambda: self._zones.add(zone_of(zone)))
 
     async def remove_zone(self, name: str) -> None:
         """One less."""
-        await self._forbid(self._zones.remove, name)
+        await self._forbid(lambda: self._zones.remove(name))
 
-    async def _forbid(self, change: Callable[[T], tuple[Zone, ...]], what: T) -> None:
+    async def _forbid(self, change: Callable[[], tuple[Zone, ...]]) -> None:
         async with self._one_change:  # of two at a time the file would keep one
-            zones = await asyncio.to_thread(change, what)  # a disk may take its time to sync
+            zones = await asyncio.to_thread(change)  # corners to check, a disk to sync
             await self._robot.forbid(zones)
 
     async def runs(self) -> list[dict[str, Any]]:

@@ -8,14 +8,13 @@ the command line imports it.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
 
 from ins_robot.errors import InputError
-from ins_robot.outline import Corners, flaw_of
+from ins_robot.outline import COORDINATE_MAX_M, CORNERS_MAX, Corners, flaw_of
 
 ZONES_FILE = "zones.json"
 WALL_POINTS_MIN = 2
@@ -61,7 +60,10 @@ def zone_of(value: Any) -> Zone:
     if kind not in list(ZoneKind):  # a list: JSON may bring what cannot be hashed
         raise InputError(f"zone '{name}': kind must be one of {', '.join(ZoneKind)}")
     if not isinstance(points, list | tuple) or not all(map(_is_point, points)):
-        raise InputError(f"zone '{name}': points must be [[x, y], ...] in metres")
+        raise InputError(
+            f"zone '{name}': points must be [[x, y], ...] in metres from the start, "
+            f"none beyond {COORDINATE_MAX_M:g} m"
+        )
     corners = tuple((float(x), float(y)) for x, y in points)
     flaw = _flaw_of_wall(corners) if kind == ZoneKind.WALL else flaw_of(corners)
     if flaw is not None:
@@ -90,11 +92,15 @@ def _is_point(point: Any) -> bool:
     return (
         isinstance(point, list | tuple)
         and len(point) == 2  # noqa: PLR2004 - x and y
-        and all(isinstance(v, int | float) and math.isfinite(v) for v in point)
+        and all(isinstance(v, int | float) and abs(v) <= COORDINATE_MAX_M for v in point)
     )
 
 
 def _flaw_of_wall(points_m: Corners) -> str | None:
     if len(set(points_m)) < WALL_POINTS_MIN:
         return f"{len(set(points_m))} points, a wall needs at least {WALL_POINTS_MIN}"
+    if len(points_m) > CORNERS_MAX:
+        return (
+            f"{len(points_m)} points, at most {CORNERS_MAX} are allowed: leave out the finest"
+        )
     return None

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: MIT
 """Outlines that people give: what is no polygon is told in words, in the configuration too."""
 
+import math
+
 import numpy as np
 import pytest
 
@@ -28,6 +30,8 @@ def test_a_polygon_has_no_flaw_wherever_it_begins(corners, turn):
         ([(0, 0), (1, 0), (2, 0)], "it"),
         ([(0, 0), (4, 0), (4, 1), (2, 1), (2, 0), (1, 0), (1, 1), (0, 1)], "crosses itself"),
         ([(0, 0), (1, 0), (1, 0.00001)], "no area"),
+        ([(0, 0), (1001, 0), (0, 1)], "further than 1000 m"),
+        ([(math.cos(k / 40), math.sin(k / 40)) for k in range(250)], "at most 200"),
     ],
 )
 def test_what_is_none_is_told(corners, says):

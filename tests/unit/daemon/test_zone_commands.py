@@ -9,38 +9,46 @@ from types import SimpleNamespace
 
 import pytest
 
+from ins_robot.daemon import commands
 from ins_robot.daemon.after_run import AfterRun
 from ins_robot.daemon.commands import DaemonCommands
 from ins_robot.daemon.run_store import RunStore
 from ins_robot.daemon.supervisor import StopLatch
 from ins_robot.daemon.zone_store import read_zones
 from ins_robot.errors import StateError
+from ins_robot.mapping.zones import zone_of
 
 
 def test_the_loop_does_not_wait_for_the_disk_and_no_change_is_lost(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    syncing, forbidden, sync = [], [], os.fsync
+    syncing, checking, forbidden, sync = [], [], [], os.fsync
 
     def watched(file: int) -> None:
         syncing.append(threading.get_ident())
         sync(file)
 
+    def checked(zone):
+        checking.append(threading.get_ident())
+        return zone_of(zone)
+
     monkeypatch.setattr(os, "fsync", watched)
+    monkeypatch.setattr(commands, "zone_of", checked)  # hundreds of corners take their time
 
     async def forbid(zones) -> None:
         forbidden.append([zone.name for zone in zones])
 
     async def live() -> None:
-        commands = DaemonCommands(SimpleNamespace(forbid=forbid), RunStore(tmp_path))
+        daemon = commands.DaemonCommands(SimpleNamespace(forbid=forbid), RunStore(tmp_path))
         corners = [[1, 1], [2, 1], [1, 2]]
         zones = [{"name": name, "kind": "no-go", "points": corners} for name in "abcdefgh"]
-        await asyncio.gather(*map(commands.add_zone, zones))
-        await commands.remove_zone("b")
+        await asyncio.gather(*map(daemon.add_zone, zones))
+        await daemon.remove_zone("b")
 
     asyncio.run(live())
     assert len(syncing) == 9
-    assert threading.get_ident() not in syncing
+    assert len(checking) == 8
+    assert threading.get_ident() not in [*syncing, *checking]
     kept = [zone.name for zone in read_zones(tmp_path / "zones.json")]
     assert sorted(kept) == list("acdefgh")
     assert forbidden[-1] == kept
