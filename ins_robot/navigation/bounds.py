@@ -23,6 +23,7 @@ from ins_robot.navigation.room_map import RoomMap
 
 BoolArray = NDArray[np.bool_]
 ASTRIDE_M = 0.08  # so near to a line, in cells the robot stands on it
+FENCE_REACH_M = 30.0  # further away a line is the planner's affair, not yet the guard's
 ESCAPE_M = 0.3  # a robot standing on forbidden ground may cross so much more of it to get off
 
 
@@ -48,6 +49,11 @@ class Bounds:
         self._lines = [LimitLine.of_zone(zone) for zone in zones]
         if self._config.boundary is not None:
             self._lines.append(LimitLine.around(self._config.boundary))
+        self._no_go = [
+            (f"in no-go zone '{zone.name}'", np.array(zone.points_m))
+            for zone in zones
+            if zone.kind is ZoneKind.NO_GO
+        ]
         self._room = RoomMap(self._lines, self._keep_m)
 
     @property
@@ -61,16 +67,26 @@ class Bounds:
 
     def refusal(self, start: Pose2, point_m: FloatArray) -> tuple[GapState, str] | None:
         """Why a point (2,) is none of the robot's business; None: it is."""
-        points = point_m[None]
-        away_m = float(np.hypot(point_m[0] - start.x_m, point_m[1] - start.y_m))
-        if 0.0 < self._radius_m < away_m:
-            return GapState.OUTSIDE, f"outside max_radius_m = {self._radius_m:g}"
-        if self._boundary is not None and not contains(self._boundary, points)[0]:
-            return GapState.OUTSIDE, "outside the boundary"
-        for zone in self._zones:
-            if zone.kind is ZoneKind.NO_GO and contains(np.array(zone.points_m), points)[0]:
-                return GapState.NO_GO, f"in no-go zone '{zone.name}'"
-        return None
+        return self.refusals(start, point_m[None])[0]
+
+    def refusals(self, start: Pose2, points_m: FloatArray) -> list[tuple[GapState, str] | None]:
+        """The same of points (N, 2)."""
+        found: list[tuple[GapState, str] | None] = [None] * len(points_m)
+
+        def refuse(which: BoolArray, state: GapState, why: str) -> None:
+            for index in np.flatnonzero(which):  # the first reason is told
+                found[index] = found[index] or (state, why)
+
+        if self._radius_m > 0.0:
+            away_m = np.hypot(points_m[:, 0] - start.x_m, points_m[:, 1] - start.y_m)
+            why = f"outside max_radius_m = {self._radius_m:g}"
+            refuse(away_m > self._radius_m, GapState.OUTSIDE, why)
+        if self._boundary is not None:
+            is_out = ~contains(self._boundary, points_m)
+            refuse(is_out, GapState.OUTSIDE, "outside the boundary")
+        for why, corners_m in self._no_go:
+            refuse(contains(corners_m, points_m), GapState.NO_GO, why)
+        return found
 
     def wanted_cells(self, start: Pose2, grid: OccupancyGrid) -> BoolArray | None:
         """(H, W) bool: cells worth exploring; None: everywhere."""
@@ -99,7 +115,7 @@ class Bounds:
         return ok
 
     def fence_m(self, pose: Pose2) -> FloatArray:
-        """(N, 2) points along all lines, for those who know obstacles as points.
+        """(N, 2) points along all lines around, for those who know obstacles as points.
 
         A robot that stands beyond a line or on it, at `pose`, may leave: the line has no points
         as far around as `drivable_cells` lets it go.
@@ -107,7 +123,7 @@ class Bounds:
         here = np.array([[pose.x_m, pose.y_m]])
         pieces = [np.zeros((0, 2))]
         for line in self._lines:
-            points = line.fence_m()
+            points = line.fence_m(here[0] - FENCE_REACH_M, here[0] + FENCE_REACH_M)
             room_m = float(line.room_m(here)[0])
             if room_m < ASTRIDE_M:
                 way_m = self._keep_m - room_m + ESCAPE_M

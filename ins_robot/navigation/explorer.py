@@ -49,6 +49,7 @@ __all__ = ["Drive", "Explorer", "Finished", "LeftGap"]
 IN_VAIN_SHARE = 0.5  # a scan that leaves more of what it was to show unseen was in vain
 BLIND_SCANS = 4  # so many next to without readings in a row: covered, or lost in a huge hall
 BLIND_BESIDE_WALLS = 2  # and where the map has a wall within the trusted range: covered
+FENCE_MARGIN_M = 0.03  # off forbidden lines: corners of cells, and what the guard keeps
 MOVED_M = 0.02  # a node corrected by more: the map is looked at again everywhere
 
 
@@ -77,7 +78,8 @@ class Explorer:
             range_trusted_m=lrf.range_trusted_m,
             robot_width_m=2.0 * robot.radius_m,
         )
-        self.bounds = Bounds(config, self._body.keep_m)
+        keep_m = max(self._body.keep_m, robot.radius_m + FENCE_MARGIN_M)
+        self.bounds = Bounds(config, keep_m)
         self._strategy = make_strategy(config.strategy)
         guard: Guard = SeenGuard() if config.visibility_guard else NoGuard()
         self._barren = BarrenEdges()

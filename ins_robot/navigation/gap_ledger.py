@@ -89,10 +89,14 @@ class GapLedger:
     def _close_explored(self, scene: Scene) -> None:
         """Close the gaps from which nothing new shows; note what the others should show."""
         start = self._graph.nodes[0].pose
-        for node, gap in self._graph.gaps():
-            if gap.state not in (GapState.UNEXPLORED, GapState.TOO_NARROW):
-                continue
-            refusal = self._bounds.refusal(start, node.centroid_m(gap))
+        asked = [
+            (node, gap)
+            for node, gap in self._graph.gaps()
+            if gap.state in (GapState.UNEXPLORED, GapState.TOO_NARROW)
+        ]
+        places = np.array([node.centroid_m(gap) for node, gap in asked]).reshape(-1, 2)
+        refusals = self._bounds.refusals(start, places)
+        for (node, gap), refusal in zip(asked, refusals, strict=True):
             if refusal is not None:
                 gap.set(*refusal)
                 continue

@@ -5,8 +5,10 @@ import numpy as np
 import pytest
 from changing_world import tell
 from exploring import RADIUS_M, bench, configured, explore, grid_of, plan
+from scipy.spatial import cKDTree
 
-from ins_robot.config import ExplorationConfig
+from ins_robot.config import ControlConfig, ExplorationConfig
+from ins_robot.control.collision_guard import CollisionGuard
 from ins_robot.errors import InputError, StateError
 from ins_robot.geometry.pose2 import Pose2
 from ins_robot.mapping.zones import Zone, ZoneKind, zone_of, zones_as_json, zones_of
@@ -92,6 +94,48 @@ def test_fences_stand_where_the_lines_are():
     assert len(Bounds(ExplorationConfig(), KEEP_M).fence_m(Pose2())) == 0
 
 
+def test_of_an_endless_wall_the_guard_knows_what_is_around():
+    """And a side counts where it runs through the box, wherever its ends are."""
+    points_m = ((-1000.0, -3.0), (1000.0, -3.0), (1000.0, 1000.0), (-990.0, -990.0))
+    wall = Zone(name="w", kind=ZoneKind.WALL, points_m=points_m)
+    fence = Bounds(ExplorationConfig(), KEEP_M, (wall,)).fence_m(Pose2(2.0, 0.0, 0.0))
+    assert len(fence) < 10_000
+    assert np.abs(fence - (2.0, 0.0)).max() < 31.0
+    for k in range(-27, 30):
+        for point in [(k, -3.0), (k, k)]:
+            assert np.hypot(*(fence - point).T).min() < 0.011
+    away = Bounds(ExplorationConfig(), KEEP_M, (wall,)).fence_m(Pose2(300.0, 200.0, 0.0))
+    assert len(away) == 0
+
+
+def test_many_points_are_refused_as_one():
+    config = ExplorationConfig(boundary=((-9, -9), (9, -9), (9, 9), (-9, 9)), max_radius_m=10.0)
+    bounds = Bounds(config, KEEP_M, (STAIRS,))
+    points = np.random.default_rng(0).uniform(-12.0, 12.0, (3000, 2))
+    told = bounds.refusals(Pose2(), points)
+    assert told == [bounds.refusal(Pose2(), point) for point in points]
+    assert len(set(told)) == 4
+    assert bounds.refusals(Pose2(), np.zeros((0, 2))) == []
+
+
+def test_without_clearance_the_body_keeps_off_a_virtual_wall_all_the_same():
+    """The way around its end, which the guard lets through."""
+    config = configured(clearance_m=0.0, max_scans=1, return_home=False)
+    story = tell(plan(10, 8, (0.5, 0.5, 9.5, 7.5)), Pose2(3.0, 4.0, 0.0), config)
+    guard = CollisionGuard(ControlConfig(), config.robot.radius_m)
+    for turn_rad in np.linspace(0.0, np.pi, 13):
+        tip = np.array([0.7, 0.02])
+        far = tip + 4.0 * np.array([np.cos(turn_rad), np.sin(turn_rad)])
+        zone = Zone(name="w", kind=ZoneKind.WALL, points_m=(tuple(tip), tuple(far)))
+        story.explorer.forbid((zone,))
+        goal = np.array([1.6, -0.6]) if turn_rad < np.pi / 2 else np.array([0.5, -1.2])
+        drive = story.explorer.send_to(goal, Pose2(0.9, 0.9, 0.0), story.grid)
+        fence = cKDTree(story.explorer.bounds.fence_m(Pose2(0.9, 0.9, 0.0)))
+        guard.observe(fence)
+        dense = dense_points_m(drive.path.points_m, 0.02)
+        assert not guard.blocks((0.9, 0.9), [tuple(point) for point in dense]), turn_rad
+
+
 def test_a_place_is_driven_to_and_exploring_goes_on():
     story = tell(TWO_ROOMS, Pose2(*START, 0.0), configured(max_scans=1, return_home=False))
     explorer = story.explorer
@@ -128,6 +172,14 @@ def test_zones_come_back_from_json():
     assert zones_of(zones_as_json(zones)) == zones
     with pytest.raises(InputError, match="already one"):
         zones_of(zones_as_json((STAIRS, STAIRS)))
+    for far in (1000.5, 10**400, float("nan")):
+        with pytest.raises(InputError, match="none beyond 1000 m"):
+            zone_of({"name": "a", "kind": "wall", "points": [[0, 0], [far, 0]]})
+    for kind, what in (("wall", "points"), ("no-go", "corners")):
+        with pytest.raises(InputError, match=f"201 {what}, at most 200"):
+            zone_of(
+                {"name": "a", "kind": kind, "points": [[k, k * k / 999] for k in range(201)]}
+            )
     for kind in ("lava", [], None):
         with pytest.raises(InputError, match="kind must be"):
             zone_of({"name": "a", "kind": kind, "points": [[0, 0], [1, 0], [0, 1]]})
