@@ -14,7 +14,10 @@ from ins_robot.core.run_core import RunCore
 from ins_robot.errors import StateError
 from ins_robot.geometry.pose2 import Pose2
 from ins_robot.logs.replay_journal import JournalOptions, replay_journal
+from ins_robot.mapping.zones import Zone, ZoneKind
 from ins_robot.simulation.virtual_clock import run_virtual
+
+LATE = Zone(name="late", kind=ZoneKind.WALL, points_m=((9.0, 0.0), (9.0, 1.0)))
 
 
 async def until_fast(at: Live) -> None:
@@ -34,8 +37,14 @@ def test_a_run_stopped_in_full_drive_keeps_its_pose_while_it_is_saved(tmp_path: 
         at.robot.pipeline.on_tick = lambda now_s: speeds.append(
             math.hypot(at.robot.pilot.velocity.vx_mps, at.robot.pilot.velocity.vy_mps)
         )
-        await at.commands.stop()
+        async with asyncio.TaskGroup() as group:
+            group.create_task(at.commands.stop())
+            await asyncio.sleep(0.1)
+            assert speeds[-1] > 0.1
+            group.create_task(at.robot.forbid((LATE,)))
         await asyncio.sleep(1.0)
+        assert core.survey.explorer.bounds.zones == (LATE,)  # but not the run's
+        assert not (tmp_path / "0001-slow" / "zones.json").exists()
         assert core.pose.distance_m(at.true_place) < 0.02
         steps = [before - after for before, after in pairwise(speeds)]
         assert speeds[-1] == 0.0
@@ -119,26 +128,16 @@ async def _refusal(asked) -> str:
 
 
 def test_a_scan_that_is_being_computed_counts_though_the_run_is_stopped(tmp_path: Path) -> None:
-    """And zones that come while it is saved are none of its own."""
-
     async def story(at: Live) -> None:
         await at.commands.start("cut")
         mission = await at.until("driving")
         while mission.core.scans < 2 or str(mission.state) != "thinking":
             asyncio.get_running_loop().job_s = 0.8
             await asyncio.sleep(0.05)
-        async with asyncio.TaskGroup() as group:
-            group.create_task(at.commands.stop())
-            while not mission.state.is_over:  # noqa: ASYNC110 - no event
-                await asyncio.sleep(0.0)
-            wall = {"name": "late", "kind": "wall", "points": [[9, 0], [9, 1]]}
-            group.create_task(at.commands.add_zone(wall))
-        assert [zone.name for zone in mission.core.survey.explorer.bounds.zones] == ["late"]
+        await at.commands.stop()
 
     run_slow(live(story, tmp_path))
     run = tmp_path / "0001-cut"
     summary = json.loads((run / "summary.json").read_text())
     again = replay_journal(run / "run.journal", JournalOptions(), lambda: 0.0)
     assert again.summary()["home_m"] == summary["home_m"]
-    assert not again.zones
-    assert not (run / "zones.json").exists()

@@ -7,14 +7,15 @@ from changing_world import tell
 from exploring import RADIUS_M, bench, configured, explore, grid_of, plan
 from scipy.spatial import cKDTree
 
-from ins_robot.config import ControlConfig, ExplorationConfig
+from ins_robot.config import ExplorationConfig
 from ins_robot.control.collision_guard import CollisionGuard
 from ins_robot.errors import InputError, StateError
 from ins_robot.geometry.pose2 import Pose2
 from ins_robot.mapping.zones import Zone, ZoneKind, zone_of, zones_as_json, zones_of
 from ins_robot.navigation.bounds import Bounds
-from ins_robot.navigation.explorer import Drive
-from ins_robot.navigation.planner import dense_points_m
+from ins_robot.navigation.explorer import Drive, Explorer
+from ins_robot.navigation.planner import dense_points_m, way_points_m
+from ins_robot.navigation.terrain import BodyRules, survey_terrain
 
 TWO_ROOMS = plan(8, 5, (0.5, 0.5, 3.5, 4.5), (3.5, 2.0, 3.6, 2.9), (3.6, 0.5, 7.5, 4.5))
 START = (1.5, 2.2)
@@ -119,21 +120,26 @@ def test_many_points_are_refused_as_one():
 
 
 def test_without_clearance_the_body_keeps_off_a_virtual_wall_all_the_same():
-    """The way around its end, which the guard lets through."""
-    config = configured(clearance_m=0.0, max_scans=1, return_home=False)
-    story = tell(plan(10, 8, (0.5, 0.5, 9.5, 7.5)), Pose2(3.0, 4.0, 0.0), config)
-    guard = CollisionGuard(ControlConfig(), config.robot.radius_m)
-    for turn_rad in np.linspace(0.0, np.pi, 13):
-        tip = np.array([0.7, 0.02])
-        far = tip + 4.0 * np.array([np.cos(turn_rad), np.sin(turn_rad)])
-        zone = Zone(name="w", kind=ZoneKind.WALL, points_m=(tuple(tip), tuple(far)))
-        story.explorer.forbid((zone,))
-        goal = np.array([1.6, -0.6]) if turn_rad < np.pi / 2 else np.array([0.5, -1.2])
-        drive = story.explorer.send_to(goal, Pose2(0.9, 0.9, 0.0), story.grid)
-        fence = cKDTree(story.explorer.bounds.fence_m(Pose2(0.9, 0.9, 0.0)))
-        guard.observe(fence)
-        dense = dense_points_m(drive.path.points_m, 0.02)
-        assert not guard.blocks((0.9, 0.9), [tuple(point) for point in dense]), turn_rad
+    """Around its end, on ways that the guard lets it drive."""
+    config, rng = configured(clearance_m=0.0), np.random.default_rng(0)
+    body = BodyRules(radius_m=config.robot.radius_m, clearance_m=0.0)
+    grid = grid_of(plan(10, 10, (0.1, 0.1, 9.9, 9.9)))
+    guard, middle = CollisionGuard(config.control, body.radius_m), np.array([5.0, 5.0])
+    explorer = Explorer(config.exploration, config.robot, config.lrf)
+    for turn_rad in rng.uniform(0.0, np.pi, 12):
+        along = np.array([np.cos(turn_rad), np.sin(turn_rad)])
+        across = np.array([-along[1], along[0]])
+        tip = middle + rng.uniform(-0.05, 0.05, 2)
+        ends = (tuple(tip.tolist()), tuple((tip - 4.0 * along).tolist()))
+        explorer.forbid((Zone(name="w", kind=ZoneKind.WALL, points_m=ends),))
+        start = Pose2(*(tip - along + across).tolist(), 0.0)
+        allowed = explorer.bounds.drivable_cells(start, grid, start)
+        terrain = survey_terrain(grid, start, body, allowed)
+        row, col = grid.cells(tip - along - across).tolist()
+        points = way_points_m(terrain, start, terrain.way_to((row, col)))
+        guard.observe(cKDTree(explorer.bounds.fence_m(start)))
+        dense = [tuple(point) for point in dense_points_m(points, 0.02)]
+        assert not guard.blocks((start.x_m, start.y_m), dense)
 
 
 def test_a_place_is_driven_to_and_exploring_goes_on():
