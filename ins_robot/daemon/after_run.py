@@ -54,6 +54,15 @@ class AfterRun(Mission):
         core.is_recorded = False
         self.place_m: Place = (0.0, 0.0)
 
+    async def look_for_way(self, place_m: Place) -> None:
+        """Whether a known way leads to a place; a StateError says why none does."""
+        if self.core.survey.explorer.is_blind:  # as the run ended; it may see again
+            try:
+                await self._sweep()
+            finally:
+                await self._taker.switch_off()
+        await self._in_worker(self.core.go_to, place_m, self.core.pose)
+
     async def _explore(self) -> None:
         self._hold()  # whoever drove before may have left the wheels held
         if self._taker.is_always_on:

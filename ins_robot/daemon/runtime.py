@@ -145,6 +145,13 @@ class Robot:
             raise StateError(f"stopped: {self.stop_latch.reason}; `ins-robot clear` first")
         self.single_scan.check_idle()
 
+    def _check_whole(self) -> None:
+        """Refuse to drive by `goto` besides where a device is missing."""
+        self._check_free()
+        if self.pipeline.missing:
+            missing = ", ".join(self.pipeline.missing)
+            raise StateError(f"goto: not there: {missing}; `ins-robot status` tells more")
+
     def _mission(self, name: str, journal: Journal) -> RunUnderWay:
         rng = np.random.default_rng(self.config.slam.seed)
         core = make_core(self.config, rng, time.thread_time)
@@ -224,11 +231,11 @@ class Robot:
         after = self._after
         if after is None:
             raise StateError("goto: the robot is on no map: `ins-robot start` makes one")
-        self._check_free()
-        await self._in_survey_worker(lambda: after.core.go_to(place_m, after.core.pose))
+        self._check_whole()
+        await after.look_for_way(place_m)
         if self.mission is not None or self._after is not after:
             raise StateError("goto: something else has begun meanwhile")
-        self._check_free()  # of what happened during the look too
+        self._check_whole()  # of what happened during the look too
         after.place_m, self.mission = place_m, after
         self.finished.clear()
         self.save_error = None

@@ -102,7 +102,7 @@ class ScanTaker:
         config = self._config
         timeout_s = 2.0 * config.spin_up_timeout_s + 4.0 * revolutions * 60.0 / config.rpm
         try:
-            if not self.is_always_on:
+            if self._on_since_s is None:
                 await self.switch_on()
             begin()
             self._begun_s = self._clock()

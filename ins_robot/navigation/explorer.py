@@ -134,8 +134,18 @@ class Explorer:
         self.graph.add(node)
         self._scanned_aim, self._aim = self._aim, None
         self._has_new_node = True
-        is_blind = np.count_nonzero(scan.is_valid) < READINGS_MIN
-        self._blind_scans = self._blind_scans + 1 if is_blind else 0
+        self._blind_scans += 1
+        self.glimpse(scan)
+
+    def glimpse(self, scan: LaserScan) -> None:
+        """A look, on the way too: whoever sees is not blind."""
+        if np.count_nonzero(scan.is_valid) >= READINGS_MIN:
+            self._blind_scans = 0
+
+    @property
+    def is_blind(self) -> bool:
+        """The last scans had hardly a reading; the LRF may be covered."""
+        return self._blind_scans >= BLIND_BESIDE_WALLS
 
     def relocate(self, poses: FloatArray) -> None:
         """SLAM moved the nodes: poses (K, 3) of all K of them, in order of observation."""
@@ -239,7 +249,7 @@ class Explorer:
         return None
 
     def _is_blind(self, scene: Scene) -> bool:
-        if self._blind_scans < BLIND_BESIDE_WALLS:
+        if not self.is_blind:
             return False
         wall_m, _ = scene.grid.walls().query((scene.pose.x_m, scene.pose.y_m))
         return self._blind_scans >= BLIND_SCANS or wall_m <= self._rules.range_trusted_m

@@ -40,7 +40,7 @@ def test_a_run_stopped_in_full_drive_keeps_its_pose_while_it_is_saved(tmp_path: 
         async with asyncio.TaskGroup() as group:
             group.create_task(at.commands.stop())
             await asyncio.sleep(0.1)
-            assert speeds[-1] > 0.1
+            assert speeds[-1] > 0.05  # the ramp
             group.create_task(at.robot.forbid((LATE,)))
         await asyncio.sleep(1.0)
         assert core.survey.explorer.bounds.zones == (LATE,)  # but not the run's
@@ -64,9 +64,10 @@ def test_goto_after_a_run_is_free_of_its_pause_and_has_an_lrf_that_turns(
 ) -> None:
     async def story(at: Live) -> None:
         await at.commands.start("held")
-        await at.until("driving")
+        mission = await at.until("driving")
         await at.commands.pause()
         await at.commands.stop()
+        mission.core.survey.explorer._blind_scans = 4  # as after a cover that is gone by now
         await at.commands.goto(0.6, 0.4)
         await at.robot.finished.wait()
         assert at.robot.last_goto == "arrived at 0.6 0.4"

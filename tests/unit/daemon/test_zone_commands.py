@@ -39,7 +39,7 @@ def test_the_loop_does_not_wait_for_the_disk_and_no_change_is_lost(
         forbidden.append([zone.name for zone in zones])
 
     async def live() -> None:
-        daemon = commands.DaemonCommands(SimpleNamespace(forbid=forbid), RunStore(tmp_path))
+        daemon = DaemonCommands(SimpleNamespace(forbid=forbid), RunStore(tmp_path))
         corners = [[1, 1], [2, 1], [1, 2]]
         zones = [{"name": name, "kind": "no-go", "points": corners} for name in "abcdefgh"]
         await asyncio.gather(*map(daemon.add_zone, zones))
