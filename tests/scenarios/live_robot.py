@@ -76,14 +76,14 @@ async def live(
 
 
 class SlowWorkers(VirtualTimeLoop):
-    """Virtual time on which what a worker's job gave comes `job_s` later."""
+    """Virtual time on which what a job of the survey worker gave comes `job_s` later."""
 
     job_s = 0.0
 
     def run_in_executor(self, executor, func, *args):
         """The job's result, not before its time."""
         done = super().run_in_executor(executor, func, *args)
-        if self.job_s == 0.0:
+        if self.job_s == 0.0 or getattr(executor, "_thread_name_prefix", "") != "survey":
             return done
         later = self.create_future()
         self.call_later(self.job_s, _hand_on, done, later)
