@@ -15,8 +15,9 @@ from ins_robot.geometry.angles import FloatArray
 from ins_robot.geometry.pose2 import Pose2
 from ins_robot.messages import LaserScan
 
-RINGS_M = (0.35, 0.5, 0.7, 1.0, 1.4, 2.0)  # the nearer ring tells of a surface before the next
+RINGS_M = (0.5, 1.0, 2.0)  # the nearer ring tells of a surface before the next
 SAME_M = 0.05  # a reading from further this near to one from nearer adds nothing but its noise
+ALONE_M, ALONE_RAD = 0.01, 0.035  # no other so near, or within two beams: a ghost
 THIN_M = 0.01  # one reading per square of this size is enough
 
 BoolArray = NDArray[np.bool_]
@@ -83,6 +84,8 @@ def wall_points(
     beside = binary_dilation(is_occupied, np.ones((3, 3), bool))
     real = beside[cells[:, 0], cells[:, 1]]
     points_m, ranges_m, cells = points_m[real], ranges_m[real], cells[real]
+    real = ~_is_alone(points_m, ranges_m) | is_occupied[cells[:, 0], cells[:, 1]]
+    points_m, ranges_m, cells = points_m[real], ranges_m[real], cells[real]
     counts = np.zeros(len(points_m), bool)
     nearer_m = 0.0
     for ring_m in RINGS_M:
@@ -94,15 +97,14 @@ def wall_points(
             ring = ring[~np.isfinite(away)]
         counts[ring] = True
         nearer_m = ring_m
-    counts[counts] = ~_is_alone(points_m[counts]) | is_occupied[tuple(cells[counts].T)]
     told = np.zeros(is_occupied.shape, bool)
     told[cells[counts, 0], cells[counts, 1]] = True
     return points_m[counts], binary_dilation(told, np.ones((3, 3), bool))
 
 
-def _is_alone(points_m: FloatArray) -> BoolArray:
-    """(N,) bool: which points (N, 2) have no other within SAME_M."""
+def _is_alone(points_m: FloatArray, ranges_m: FloatArray) -> BoolArray:
+    """(N,) bool: which points (N, 2) have no other where the next beams would have met."""
     from scipy.spatial import cKDTree
 
-    away, _ = cKDTree(points_m).query(points_m, k=2, distance_upper_bound=SAME_M)
-    return np.asarray(~np.isfinite(away[:, 1]))
+    away, _ = cKDTree(points_m).query(points_m, k=2)
+    return np.asarray(away[:, 1] > ALONE_M + ALONE_RAD * ranges_m)

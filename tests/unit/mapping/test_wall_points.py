@@ -56,7 +56,7 @@ def test_the_reading_from_nearer_counts() -> None:
 def test_a_reading_where_nothing_solid_was_found_is_a_ghost() -> None:
     solid = np.zeros((40, 40), bool)
     solid[0, 0] = True
-    points = np.array([[0.02, 0.02], [0.05, 0.05], [1.0, 1.0]])
+    points = np.array([[0.045, 0.045], [0.055, 0.055], [1.0, 1.0]])
     cells = np.floor(points[:, ::-1] / 0.05).astype(np.int64)
     kept, _ = wall_points(points, np.full(3, 0.5), cells, solid)
     np.testing.assert_array_equal(kept, points[:2])
