@@ -244,8 +244,18 @@ class ExplorationConfig:
 
     strategy: str = option(
         "min-gap",
-        "narrowest gap of the cheapest node; widest; or back along the order of traversal",
-        choices=("min-gap", "max-gap", "backtrack"),
+        "narrowest gap of the cheapest node; widest; or back along the order of traversal; "
+        "the field's yardsticks; auto: most new ground for the way",
+        choices=(
+            "min-gap",
+            "max-gap",
+            "backtrack",
+            "nearest-frontier",
+            "explore-lite",
+            "next-best-view",
+            "tsp-frontier",
+            "auto",
+        ),
     )
     gap_range_m: float = option(4.0, "readings longer than this (or none) are a gap", above=0.0)
     gap_jump_m: float = option(

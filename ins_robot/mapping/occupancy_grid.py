@@ -19,6 +19,8 @@ from ins_robot.config import MapConfig
 from ins_robot.geometry.angles import FloatArray
 from ins_robot.geometry.pose2 import Pose2
 from ins_robot.mapping.evidence_sums import UNIT, limit_units, steps_of
+from ins_robot.mapping.kept_layer import Changes, KeptLayer
+from ins_robot.mapping.neighbourhood import grown
 from ins_robot.mapping.ray_cast import cast_rays
 from ins_robot.mapping.scan_footprint import ScanFootprint, draw_scan
 from ins_robot.mapping.silence import Silence, SilenceRules, read_silence
@@ -30,10 +32,12 @@ if TYPE_CHECKING:
 
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
+Float32Array = NDArray[np.float32]
 
 BLOCK_CELLS = 64
 KNOWN_LOG_ODDS = 0.05  # less evidence than this says nothing (the weakest miss is 0.1)
 OCCUPIED_LOG_ODDS = 0.2  # one weak far hit is not yet a wall
+CLEARANCE_UP_TO_M = 2.5  # more than the widest body needs; farther from walls nobody asks
 EXACT_BELOW_M = 0.35  # clearance below this is told by readings, above it by cells
 CORNERS = np.array([[-0.5, -0.5], [-0.5, 0.5], [0.5, -0.5], [0.5, 0.5]])
 
@@ -62,13 +66,20 @@ class OccupancyGrid:
         self.is_quiet = np.zeros(self.log_odds.shape, bool)
         self._near = NearReadings()
         self._distance_m: FloatArray | None = None
-        self._clearance_m: FloatArray | None = None
+        self._changes = Changes()
+        self._clearance = KeptLayer(CLEARANCE_UP_TO_M)
+        self._doubt = KeptLayer(CLEARANCE_UP_TO_M)
         self._walls: cKDTree | None = None
 
     @property
     def shape(self) -> tuple[int, int]:
         """(H, W)."""
         return self.log_odds.shape[0], self.log_odds.shape[1]
+
+    @property
+    def corner(self) -> tuple[int, int]:
+        """Lattice (row, col) of cell (0, 0): whole cells from the origin of the map frame."""
+        return self._corner
 
     @property
     def origin_m(self) -> tuple[float, float]:
@@ -113,7 +124,7 @@ class OccupancyGrid:
     @property
     def is_unknown(self) -> BoolArray:
         """(H, W) bool: neither free nor occupied."""
-        return (self.log_odds >= -KNOWN_LOG_ODDS) & (self.log_odds <= OCCUPIED_LOG_ODDS)
+        return unknown(self.log_odds)
 
     @property
     def is_solid(self) -> BoolArray:
@@ -122,11 +133,7 @@ class OccupancyGrid:
         What was hit goes on behind the face that was seen; nobody has seen how far. Not where
         a silent beam has passed: no wall ends there.
         """
-        from scipy.ndimage import binary_dilation
-
-        occupied = self.is_occupied
-        beside: BoolArray = binary_dilation(occupied, np.ones((3, 3), bool))
-        return occupied | (self.is_unknown & beside & ~self.is_quiet)
+        return solid(self.log_odds, self.is_quiet)
 
     def distance_m(self) -> FloatArray:
         """(H, W) Euclidean distance to the nearest solid cell; inf when there is none.
@@ -151,34 +158,68 @@ class OccupancyGrid:
         Cached until the grid changes.
         """
         if self._walls is None:
-            from scipy.spatial import cKDTree
-
-            points, ranges = self._near.all()
-            cells = self.cells(points)
-            drawn = self.contains(cells)
-            seen, told = wall_points(
-                points[drawn], ranges[drawn], cells[drawn], self.is_occupied
-            )
-            corners = self.metres(np.argwhere(self.is_occupied & ~told))[:, None] + (
-                self.resolution_m * CORNERS
-            )
-            hidden = self.metres(np.argwhere(self.is_solid & ~self.is_occupied & ~told))
-            self._walls = cKDTree(np.concatenate([seen, corners.reshape(-1, 2), hidden]))
+            self._walls = self._walls_within(slice(0, self.shape[0]), slice(0, self.shape[1]))
         return self._walls
 
-    def clearance_m(self) -> FloatArray:
-        """(H, W) from a cell's centre to the nearest solid surface; inf when there is none.
+    def _walls_within(self, rows: slice, cols: slice) -> cKDTree:
+        """Those of some cells, and of no others."""
+        from scipy.spatial import cKDTree
 
-        Cached until the grid changes; the array is read-only.
+        low = np.array([rows.start, cols.start])
+        is_occupied = self.log_odds[rows, cols] > OCCUPIED_LOG_ODDS
+        points, ranges = self._near.all()
+        cells = self.cells(points) - low
+        drawn = ((cells >= 0) & (cells < is_occupied.shape)).all(axis=-1)
+        seen, told = wall_points(points[drawn], ranges[drawn], cells[drawn], is_occupied)
+        corners = self.metres(np.argwhere(is_occupied & ~told) + low)[:, None] + (
+            self.resolution_m * CORNERS
+        )
+        is_hidden = (
+            solid(self.log_odds[rows, cols], self.is_quiet[rows, cols]) & ~is_occupied & ~told
+        )
+        hidden = self.metres(np.argwhere(is_hidden) + low)
+        return cKDTree(np.concatenate([seen, corners.reshape(-1, 2), hidden]))
+
+    def clearance_m(self) -> FloatArray:
+        """(H, W) from a cell's centre to the nearest solid surface, up to CLEARANCE_UP_TO_M.
+
+        Told by readings where somebody may drive, by cells where nobody can have been. Only
+        what has changed is worked out again; the array is read-only.
         """
-        if self._clearance_m is None:
-            clearance = self.distance_m() - 0.5 * self.resolution_m
-            rows, cols = np.nonzero((clearance < EXACT_BELOW_M) & (clearance > 0.0))
-            exact, _ = self.walls().query(self.metres(np.stack([rows, cols], axis=-1)))
-            clearance[rows, cols] = exact
-            clearance.flags.writeable = False
-            self._clearance_m = clearance
-        return self._clearance_m
+        return self._clearance.on(self, self._changes, self._clearance_within)
+
+    def doubt_m(self) -> FloatArray:
+        """(H, W) between a cell's centre and the nearest centre of one that may be walled.
+
+        A wall that nobody has hit yet may run through the last free cell before the unknown.
+        Up to CLEARANCE_UP_TO_M; only what has changed is worked out again; read-only.
+        """
+        return self._doubt.on(self, self._changes, self._doubt_within)
+
+    def _clearance_within(self, rows: slice, cols: slice) -> FloatArray:
+        from scipy.ndimage import distance_transform_edt
+
+        odds = self.log_odds[rows, cols]
+        is_solid = solid(odds, self.is_quiet[rows, cols])
+        clearance = np.full(odds.shape, np.inf)
+        if is_solid.any():
+            clearance = distance_transform_edt(~is_solid, sampling=self.resolution_m)
+            clearance -= 0.5 * self.resolution_m
+            asked = (clearance < EXACT_BELOW_M) & (clearance > 0.0)
+            asked &= self.is_quiet[rows, cols] | ~unknown(odds)
+            at = np.argwhere(asked)
+            centres = self.metres(at + np.array([rows.start, cols.start]))
+            clearance[at[:, 0], at[:, 1]], _ = self._walls_within(rows, cols).query(centres)
+        return clearance
+
+    def _doubt_within(self, rows: slice, cols: slice) -> FloatArray:
+        from scipy.ndimage import distance_transform_edt
+
+        odds = self.log_odds[rows, cols]
+        is_doubtful = grown(unknown(odds), corners=False) & (odds <= OCCUPIED_LOG_ODDS)
+        if not is_doubtful.any():
+            return np.full(odds.shape, np.inf)
+        return np.asarray(distance_transform_edt(~is_doubtful, sampling=self.resolution_m))
 
     def integrate(
         self, scan: LaserScan, map_from_lrf: Pose2, range_trusted_m: float
@@ -263,7 +304,7 @@ class OccupancyGrid:
         step = steps_of(footprint, self._config) * np.float32(UNIT)
         limit = np.float32(limit_units(self._config) * UNIT)
         np.clip(window + step, -limit, limit, out=window)
-        self._forget()
+        self._forget(footprint.corner, (height, width))
 
     def make_room(self, corner: tuple[int, int], end: tuple[int, int]) -> None:
         """Grow to hold the lattice cells from `corner` to before `end`."""
@@ -286,11 +327,12 @@ class OccupancyGrid:
             theirs.append(slice(first - corner[i], max(last - corner[i], 0)))
         self.log_odds[tuple(ours)] = log_odds[tuple(theirs)]
         self.is_quiet[tuple(ours)] = is_quiet[tuple(theirs)]
-        self._forget()
+        self._forget(corner, log_odds.shape)
 
-    def _forget(self) -> None:
-        """What was made from the cells is out of date."""
-        self._distance_m = self._clearance_m = self._walls = None
+    def _forget(self, corner: tuple[int, int], size: tuple[int, ...]) -> None:
+        """What was made from the cells of a lattice window is out of date."""
+        self._distance_m = self._walls = None
+        self._changes.add(corner, (size[0], size[1]))
 
     def _grow_to(self, corner: tuple[int, int], size: tuple[int, int]) -> tuple[int, int]:
         """Make room for a lattice window; returns its first cell."""
@@ -311,3 +353,14 @@ class OccupancyGrid:
             self.is_quiet = np.pad(self.is_quiet, margins)
             self._corner = (low[0], low[1])
         return corner[0] - self._corner[0], corner[1] - self._corner[1]
+
+
+def unknown(log_odds: Float32Array) -> BoolArray:
+    """Neither free nor occupied."""
+    return (log_odds >= -KNOWN_LOG_ODDS) & (log_odds <= OCCUPIED_LOG_ODDS)
+
+
+def solid(log_odds: Float32Array, is_quiet: BoolArray) -> BoolArray:
+    """Occupied, or unknown right beside it where no silent beam has passed."""
+    occupied = log_odds > OCCUPIED_LOG_ODDS
+    return occupied | (unknown(log_odds) & grown(occupied) & ~is_quiet)

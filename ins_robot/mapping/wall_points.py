@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ins_robot.geometry.angles import FloatArray
 from ins_robot.geometry.pose2 import Pose2
+from ins_robot.mapping.neighbourhood import grown
 from ins_robot.messages import LaserScan
 
 RINGS_M = (0.5, 1.0, 2.0)  # the nearer ring tells of a surface before the next
@@ -78,10 +79,9 @@ def wall_points(
     """
     if len(points_m) == 0:
         return points_m, np.zeros(is_occupied.shape, bool)
-    from scipy.ndimage import binary_dilation
     from scipy.spatial import cKDTree
 
-    beside = binary_dilation(is_occupied, np.ones((3, 3), bool))
+    beside = grown(is_occupied)
     real = beside[cells[:, 0], cells[:, 1]]
     points_m, ranges_m, cells = points_m[real], ranges_m[real], cells[real]
     real = ~_is_alone(points_m, ranges_m) | is_occupied[cells[:, 0], cells[:, 1]]
@@ -99,7 +99,7 @@ def wall_points(
         nearer_m = ring_m
     told = np.zeros(is_occupied.shape, bool)
     told[cells[counts, 0], cells[counts, 1]] = True
-    return points_m[counts], binary_dilation(told, np.ones((3, 3), bool))
+    return points_m[counts], grown(told)
 
 
 def _is_alone(points_m: FloatArray, ranges_m: FloatArray) -> BoolArray:

@@ -23,6 +23,7 @@ from ins_robot.mapping.occupancy_grid import OccupancyGrid
 from ins_robot.mapping.silence import READINGS_MIN
 from ins_robot.mapping.zones import Zone
 from ins_robot.messages import LaserScan, PlannedPath
+from ins_robot.navigation.aim_gap import gap_of_aim
 from ins_robot.navigation.bounds import Bounds
 from ins_robot.navigation.decisions import NO_GAP, Drive, Ending, Finished, LeftGap, finished
 from ins_robot.navigation.driven_ways import DrivenWays
@@ -32,7 +33,8 @@ from ins_robot.navigation.gaps import Gap, GapRules, GapState, find_gaps
 from ins_robot.navigation.guard import Guard, NoGuard, SeenGuard
 from ins_robot.navigation.neighbours import identify_neighbours
 from ins_robot.navigation.node_graph import Node, NodeGraph
-from ins_robot.navigation.planner import plan_through
+from ins_robot.navigation.outlook import Aim
+from ins_robot.navigation.planner import plan, plan_through
 from ins_robot.navigation.progress import Progress
 from ins_robot.navigation.reach import Reach
 from ins_robot.navigation.scan_place import ScanPlaces
@@ -62,6 +64,8 @@ class _Aim:
     gap: Gap | None
     targets_m: FloatArray
     is_retraced: bool = False  # over the nodes of the way back
+    is_place: bool = False  # chosen for what it promises, not for a gap
+    heeds_looks: bool = False  # by a strategy that counts tries itself
 
 
 class Explorer:
@@ -80,14 +84,17 @@ class Explorer:
         )
         keep_m = max(self._body.keep_m, robot.radius_m + FENCE_MARGIN_M)
         self.bounds = Bounds(config, keep_m)
+        self._range_m = lrf.range_max_m
+        self._sector_half_rad = float(np.radians(lrf.sector_deg))
         self._strategy = make_strategy(config.strategy)
         guard: Guard = SeenGuard() if config.visibility_guard else NoGuard()
         self._barren = BarrenEdges()
+        self._vain = BarrenEdges()  # what places were chosen for in vain
         self._ledger = GapLedger(self.graph, guard, self._barren, self.bounds, lrf.range_max_m)
         self._places = ScanPlaces(
             self.graph,
             self._barren,
-            sector_half_rad=float(np.radians(lrf.sector_deg)),
+            sector_half_rad=self._sector_half_rad,
             range_m=lrf.range_max_m,
             must_gain=config.visibility_guard,
         )
@@ -227,10 +234,11 @@ class Explorer:
             self._chances.stands_at(scene.pose)
         self._learn_from_last_scan(scene)
         self._identify_neighbours(scene)
-        self._ledger.update(scene)
         costs_m = self.graph.costs_from(len(self.graph) - 1)
         while True:
             while (choice := self._choose(scene, costs_m)) is not None:
+                if isinstance(choice, Aim):
+                    return self._drive_for(scene, choice)
                 drive = self._drive_to(scene, *choice)
                 if drive is not None:
                     return drive
@@ -303,7 +311,7 @@ class Explorer:
         if aim is None or aim.gap is None:
             return
         self._places.refuse(aim.drive.path.points_m[-1])
-        self._barren.strike(aim.targets_m)
+        (self._vain if aim.is_place else self._barren).strike(aim.targets_m)
         self._chances.refused(aim.node, aim.gap, aim.targets_m)
         aim.gap.failures += 1
         aim.gap.is_deferred = True
@@ -337,13 +345,13 @@ class Explorer:
     def _learn_from_last_scan(self, scene: Scene) -> None:
         """What a scan was to show and did not counts as tried: nothing is scanned for ever."""
         aim, self._scanned_aim = self._scanned_aim, None
-        if aim is None or aim.gap is None:
+        if aim is None or aim.gap is None or aim.heeds_looks:
             return
         cells = scene.grid.cells(aim.targets_m)
         still = ~scene.grid.contains(cells)
         still[~still] = scene.unseen.is_unseen[cells[~still, 0], cells[~still, 1]]
         if still.mean() > IN_VAIN_SHARE:
-            self._barren.strike(aim.targets_m[still])
+            (self._vain if aim.is_place else self._barren).strike(aim.targets_m[still])
 
     def _identify_neighbours(self, scene: Scene) -> None:
         """Rules A, B and C between the newest node and all others, once a node."""
@@ -362,16 +370,33 @@ class Explorer:
             is_seen=is_seen,
         )
 
-    def _choose(self, scene: Scene, costs_m: FloatArray) -> Candidate | None:
-        """The strategy's gap, given what it costs to get to each node."""
+    def _choose(self, scene: Scene, costs_m: FloatArray) -> Candidate | Aim | None:
+        """The strategy's gap or place, given what it costs to get to each node."""
         return self._strategy.choose(
             Situation(
                 graph=self.graph,
                 current=len(self.graph) - 1,
-                candidates=self._ledger.candidates(scene),
                 costs_m=costs_m,
+                candidates=lambda: self._ledger.candidates(scene),
+                outlook=lambda: scene.outlook(self._range_m, self._vain, self.graph),
             )
         )
+
+    def _drive_for(self, scene: Scene, aim: Aim) -> Drive:
+        """The way to a place the strategy chose; what it is for becomes a gap."""
+        found = gap_of_aim(scene, self.graph, aim, self._sector_half_rad)
+        path = plan(scene.terrain, scene.pose, aim.cell, found.heading_rad)
+        reason = f"{self._strategy.name}: {aim.why}, {path.length_m:.1f} m to drive"
+        drive = self._drive(scene, path, found.node, found.gap.id, reason)
+        self._aim = _Aim(
+            drive=drive,
+            node=found.node,
+            gap=found.gap,
+            targets_m=found.targets_m,
+            is_place=True,
+            heeds_looks=aim.heeds_looks,
+        )
+        return drive
 
     def _drive_to(self, scene: Scene, node: Node, gap: Gap) -> Drive | None:
         """The way to the gap; None, and the gap says why, when there is none."""
@@ -384,12 +409,9 @@ class Explorer:
             f"{self._strategy.name}: {gap.kind} {gap.id} of node {node.id}, "
             f"{gap.width_m:.2f} m wide, {path.length_m:.1f} m to drive"
         )
+        targets = scene.targets[node.index, gap.id]
         drive = self._drive(scene, path, node, gap.id, reason)
         self._aim = _Aim(
-            drive=drive,
-            node=node,
-            gap=gap,
-            targets_m=scene.targets[node.index, gap.id],
-            is_retraced=len(via) > 1,
+            drive=drive, node=node, gap=gap, targets_m=targets, is_retraced=len(via) > 1
         )
         return drive

@@ -81,6 +81,7 @@ class GapLedger:
 
     def update(self, scene: Scene) -> None:
         """Look at every gap again; what was out of reach may have come into it."""
+        scene.is_listed = True
         for _, gap in self._graph.gaps():
             if gap.state in PASSING and gap.failures < FAILURES_MAX:
                 gap.set(GapState.UNEXPLORED, "")
@@ -112,6 +113,8 @@ class GapLedger:
         Open gaps; edges of the map that no gap leads to; what only narrow passages lead to;
         what was refused before.
         """
+        if not scene.is_listed:
+            self.update(scene)
         found = self._open(scene)
         if not found and self._adopt_edges(scene):
             found = self._open(scene)

@@ -51,11 +51,7 @@ class SeenGuard:
         count = 0
         for edge in sorted(set(unseen.edge_of.tolist()) - led_to):
             for piece in pieces(unseen, edge, PIECE_M):
-                points = unseen.points_m[piece]
-                middle = points[int(np.hypot(*(points - points.mean(axis=0)).T).argmin())]
-                node = _nearest_node(unseen, graph, middle)
-                outward = (unseen.ahead_m[piece] - points).mean(axis=0)
-                node.gaps.append(_edge_gap(node, points, middle, outward))
+                gap_along(unseen, graph, piece)
                 count += 1
         return count
 
@@ -83,6 +79,17 @@ def edges_of_gap(unseen: Unseen, node: Node, gap: Gap) -> IndexArray:
         return unseen.showing_from(middle[None], middle, None, sight)
     places = np.stack([middle, 0.5 * (middle + ends[0]), 0.5 * (middle + ends[1])])
     return unseen.showing_from(places, middle, node.outward(gap))
+
+
+def gap_along(unseen: Unseen, graph: NodeGraph, index: IndexArray) -> tuple[Node, Gap]:
+    """Make a gap of some edge cells, by index; it becomes the nearest node's."""
+    points = unseen.points_m[index]
+    middle = points[int(np.hypot(*(points - points.mean(axis=0)).T).argmin())]
+    node = _nearest_node(unseen, graph, middle)
+    outward = (unseen.ahead_m[index] - points).mean(axis=0)
+    gap = _edge_gap(node, points, middle, outward)
+    node.gaps.append(gap)
+    return node, gap
 
 
 def _nearest_node(unseen: Unseen, graph: NodeGraph, point_m: FloatArray) -> Node:

@@ -7,13 +7,17 @@ robot can go, what it costs.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
+import numpy as np
 from scipy.ndimage import distance_transform_edt
 
 from ins_robot.geometry.angles import FloatArray
 from ins_robot.geometry.pose2 import Pose2
 from ins_robot.mapping.occupancy_grid import OccupancyGrid
+from ins_robot.navigation.node_graph import NodeGraph
+from ins_robot.navigation.outlook import Outlook, PastLooks
 from ins_robot.navigation.squeeze import find_squeezes
 from ins_robot.navigation.terrain import (
     BodyRules,
@@ -24,6 +28,8 @@ from ins_robot.navigation.terrain import (
 )
 from ins_robot.navigation.unseen import BarrenEdges, Unseen, survey_unseen
 
+GAIN_MIN_M2 = 0.1  # expected of a scan for which a strategy may choose a place
+REACH_M = 0.15  # a place whose body is this near to an edge is at it
 NEAR_M = 0.5  # barren edges this near to newly opened ground get another chance
 
 
@@ -37,7 +43,7 @@ class Scene:
         Where the robot may be, and what is worth exploring; None: everywhere.
     targets : dict
         For each gap worth driving to, by (node index, gap id): (T, 2) what it should show.
-    has_adopted, has_squeezed : bool
+    is_listed, has_adopted, has_squeezed : bool
         What is done once a decision has been done.
     """
 
@@ -51,8 +57,42 @@ class Scene:
     barren: BarrenEdges
     edge_min_m: float
     targets: dict[tuple[int, int], FloatArray] = field(default_factory=dict)
+    is_listed: bool = False
     has_adopted: bool = False
     has_squeezed: bool = False
+
+    def outlook(self, range_m: float, vain: BarrenEdges, graph: NodeGraph) -> Outlook:
+        """What a strategy that chooses places itself sees of it."""
+        unseen, resolution = self.unseen, self.grid.resolution_m
+        kept = np.flatnonzero(~vain.mask(unseen.ahead_m))
+        order = kept[np.argsort(unseen.edge_of[kept], kind="stable")]
+        cuts = np.flatnonzero(np.diff(unseen.edge_of[order])) + 1
+        edges = np.split(unseen.cells[order], cuts) if len(order) else []
+        return Outlook(
+            resolution_m=resolution,
+            range_m=range_m,
+            is_unseen=unseen.is_unseen,
+            is_opaque=unseen.is_opaque,
+            factor=self.terrain.factor,
+            cost_m=self.terrain.cost_m,
+            before=self.terrain.before,
+            here=self.terrain.start_cell,
+            edges=tuple(edges),
+            gain_min_m2=GAIN_MIN_M2,
+            looks=self._looks(graph),
+            reach_cells=math.ceil((self.body.radius_m + REACH_M) / resolution),
+        )
+
+    def _looks(self, graph: NodeGraph) -> PastLooks:
+        """The scans of all nodes."""
+        origin, resolution = np.array(self.grid.origin_m), self.grid.resolution_m
+        sectors = np.array([node.sector for node in graph.nodes])
+        headings = np.array([node.pose.heading_rad for node in graph.nodes])
+        return PastLooks(
+            cells=((graph.positions_m() - origin) / resolution)[:, ::-1],
+            towards_rad=headings + sectors[:, 0],
+            half_rad=sectors[:, 1],
+        )
 
     def squeeze(self) -> bool:
         """Price the ground again, with narrow passages and quiet ground; whether any opened."""

@@ -1,27 +1,32 @@
 # SPDX-License-Identifier: MIT
-"""Which gap next: the one choice in which the strategies differ.
+"""What next: the one choice in which the strategies differ.
 
-Each strategy sees the same situation (graph, where the robot is, what each node costs to reach)
-and names a gap. `min-gap` is the paper's; `max-gap` is what the paper compares it with;
-`backtrack` is the traditional way it argues against (its section 4).
+Each strategy sees the same situation and names a gap (which is then scanned from where the
+explorer thinks best), or the place to scan from itself. On the graph: `min-gap` is the paper's,
+`max-gap` is what the paper compares it with, `backtrack` the traditional way it argues against
+(its section 4). On the grid: the field's frontier strategies, and `auto`.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Collection
-from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol
 
 from ins_robot.geometry.angles import FloatArray
+from ins_robot.navigation.auto import Auto
+from ins_robot.navigation.frontier_tour import FrontierTour
+from ins_robot.navigation.frontiers import ExploreLite, NearestFrontier, NextBestView
 from ins_robot.navigation.gaps import Gap
 from ins_robot.navigation.node_graph import Node, NodeGraph
+from ins_robot.navigation.outlook import Aim, Outlook
 
 Candidate = tuple[Node, Gap]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
 class Situation:
-    """What a strategy chooses from.
+    """What a strategy chooses from; the dear parts are worked out when first asked for.
 
     Attributes
     ----------
@@ -29,14 +34,29 @@ class Situation:
         Index of the node the robot is at, or was last.
     costs_m : (K,) float64
         Travel-cost map: from the current node to every node; inf where no way is known.
-    candidates : collection of (node, gap)
-        Unexplored passable gaps.
     """
 
-    graph: NodeGraph
-    current: int
-    costs_m: FloatArray
-    candidates: Collection[Candidate]
+    def __init__(
+        self,
+        *,
+        graph: NodeGraph,
+        current: int,
+        costs_m: FloatArray,
+        candidates: Callable[[], Collection[Candidate]],
+        outlook: Callable[[], Outlook],
+    ) -> None:
+        self.graph, self.current, self.costs_m = graph, current, costs_m
+        self._find_candidates, self._find_outlook = candidates, outlook
+
+    @cached_property
+    def candidates(self) -> Collection[Candidate]:
+        """Unexplored passable gaps."""
+        return self._find_candidates()
+
+    @cached_property
+    def outlook(self) -> Outlook:
+        """Grid, ground and edges."""
+        return self._find_outlook()
 
     def of_node(self, index: int) -> list[Gap]:
         """The candidates of one node."""
@@ -44,19 +64,52 @@ class Situation:
 
 
 class Strategy(Protocol):
-    """A way to choose."""
+    """A way to choose.
+
+    `replan_m`: a robot that scans on the way chooses anew after so much of it.
+    """
 
     name: str
+    replan_m: float
 
-    def choose(self, situation: Situation) -> Candidate | None:
-        """The gap to go to, None when there is no candidate."""
+    def choose(self, situation: Situation) -> Candidate | Aim | None:
+        """Where to scan next; None when there is nothing left."""
 
     def retraces(self, graph: NodeGraph, node: Node) -> list[int]:
         """Nodes to pass from the newest one to `node`, in order; empty: the shortest way."""
 
 
+class PlaceChooser(Protocol):
+    """A way to choose a place on an outlook, without a graph."""
+
+    name: str
+    replan_m: float
+
+    def aim(self, outlook: Outlook) -> Aim | None:
+        """The place to scan from; None when no edge is worth it."""
+
+
+class OnOutlook:
+    """A place chooser as a strategy; what it leaves is left to the paper's."""
+
+    def __init__(self, chooser: PlaceChooser) -> None:
+        self.name, self.replan_m = chooser.name, chooser.replan_m
+        self._chooser = chooser
+        self._rest = CheapestNode("min-gap", narrowest)
+
+    def choose(self, situation: Situation) -> Candidate | Aim | None:
+        """A place while there is one, then a gap."""
+        return self._chooser.aim(situation.outlook) or self._rest.choose(situation)
+
+    def retraces(self, graph: NodeGraph, node: Node) -> list[int]:
+        """No node in between."""
+        return []
+
+
 class CheapestNode:
     """The cheapest node with an unexplored gap (paper, step 03), and in it the gap by width."""
+
+    replan_m = math.inf
 
     def __init__(self, name: str, pick: Callable[[list[Gap]], Gap]) -> None:
         self.name = name
@@ -79,6 +132,7 @@ class Backtrack:
     """Back along the order of traversal to the last node with an unexplored gap."""
 
     name = "backtrack"
+    replan_m = math.inf
 
     def choose(self, situation: Situation) -> Candidate | None:
         """First such node on the way back; then, if the way back has none, the latest one."""
@@ -117,11 +171,25 @@ def widest(gaps: list[Gap]) -> Gap:
     return max(gaps, key=lambda gap: (gap.width_m, -gap.id))
 
 
+GAP_STRATEGIES: dict[str, Callable[[], Strategy]] = {
+    "min-gap": lambda: CheapestNode("min-gap", narrowest),
+    "max-gap": lambda: CheapestNode("max-gap", widest),
+    "backtrack": Backtrack,
+}
+PLACE_CHOOSERS: dict[str, Callable[[], PlaceChooser]] = {
+    "nearest-frontier": NearestFrontier,
+    "explore-lite": ExploreLite,
+    "next-best-view": NextBestView,
+    "tsp-frontier": FrontierTour,
+    "auto": Auto,
+}
+STRATEGY_NAMES = (*GAP_STRATEGIES, *PLACE_CHOOSERS)
+
+
 def make_strategy(name: str) -> Strategy:
     """The strategy of a configuration's name."""
-    strategies: dict[str, Callable[[], Strategy]] = {
-        "min-gap": lambda: CheapestNode("min-gap", narrowest),
-        "max-gap": lambda: CheapestNode("max-gap", widest),
-        "backtrack": Backtrack,
-    }
-    return strategies[name]()
+    if name in GAP_STRATEGIES:
+        return GAP_STRATEGIES[name]()
+    if name == Auto.name:
+        return OnOutlook(Auto(is_alone=False))
+    return OnOutlook(PLACE_CHOOSERS[name]())

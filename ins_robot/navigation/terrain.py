@@ -14,13 +14,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import binary_dilation, distance_transform_edt
-from scipy.sparse import csr_matrix
-from scipy.sparse.csgraph import dijkstra
+from scipy.ndimage import distance_transform_edt
 
 from ins_robot.geometry.angles import FloatArray
 from ins_robot.geometry.pose2 import Pose2
+from ins_robot.mapping.neighbourhood import grown
 from ins_robot.mapping.occupancy_grid import OccupancyGrid
+from ins_robot.navigation.wave import wave
 
 BoolArray = NDArray[np.bool_]
 IndexArray = NDArray[np.int64]
@@ -31,7 +31,6 @@ EASE_WEIGHT = 1.0  # a cell at the preferred clearance costs this much more than
 TIGHT_FACTOR = 3.0  # below the preferred clearance ground costs this many times as much
 ESCAPE_FACTOR = 8.0  # ground inside fresh inflation, open only around the robot
 ESCAPE_M = 0.15  # how far past its own radius the robot may have to escape
-STEPS = ((0, 1, 1.0), (1, 0, 1.0), (1, 1, math.sqrt(2.0)), (1, -1, math.sqrt(2.0)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -128,7 +127,7 @@ class Terrain:
         start = (int(row), int(col))
         factor = self.factor.copy()
         _open_escape(factor, self.grid, self.clearance_m, self.body, start)
-        cost, before = _wave(factor, start, self.grid.resolution_m)
+        cost, before = wave(factor, start, self.grid.resolution_m)
         return replace(self, start_cell=start, factor=factor, cost_m=cost, before=before)
 
     def cost_near_m(self, points_m: FloatArray, reach_cells: int = 3) -> FloatArray:
@@ -182,7 +181,7 @@ def survey_terrain(
     if is_allowed is not None:
         factor[~is_allowed] = np.inf
     _open_escape(factor, grid, clearance, body, start, is_allowed)
-    cost, before = _wave(factor, start, grid.resolution_m)
+    cost, before = wave(factor, start, grid.resolution_m)
     return Terrain(
         grid=grid,
         body=body,
@@ -214,10 +213,11 @@ def _ground_factors(
         is_unknown = is_unknown & ~grid.is_quiet
     is_open = is_free & (clearance >= needed)
     if is_unknown.any():
-        # A wall that nobody has hit yet may run through the last free cell before the unknown.
-        is_doubtful = binary_dilation(is_unknown) & ~grid.is_occupied
-        unknown_m = distance_transform_edt(~is_doubtful, sampling=grid.resolution_m)
-        is_open &= unknown_m - 0.5 * grid.resolution_m >= body.radius_m
+        doubt_m = grid.doubt_m()
+        if takes_quiet:
+            is_doubtful = grown(is_unknown, corners=False) & ~grid.is_occupied
+            doubt_m = distance_transform_edt(~is_doubtful, sampling=grid.resolution_m)
+        is_open &= doubt_m - 0.5 * grid.resolution_m >= body.radius_m
     factor[~is_open] = np.inf
     return factor
 
@@ -279,40 +279,3 @@ def _open_escape(
         opened &= is_allowed[rows, cols]
     factor[rows, cols][opened] = ESCAPE_FACTOR
     factor[row, col] = ESCAPE_FACTOR
-
-
-def _wave(
-    factor: FloatArray, start: tuple[int, int], resolution_m: float
-) -> tuple[FloatArray, IndexArray]:
-    """Cheapest cost to every cell and the cell before it; 8-connected, no corner cut."""
-    height, width = factor.shape
-    is_open = np.isfinite(factor)
-    cost = np.full((height, width), np.inf)
-    before = np.full((height, width), -1, np.int64)
-    if not (0 <= start[0] < height and 0 <= start[1] < width) or not is_open[start]:
-        return cost, before
-    flat = np.flatnonzero(is_open)
-    number = np.full(height * width, -1, np.int32)
-    number[flat] = np.arange(len(flat), dtype=np.int32)
-    number = number.reshape(height, width)
-    rows, cols, weights = [], [], []
-    for down, right, length in STEPS:
-        here = (slice(0, height - down), slice(max(0, -right), width - max(0, right)))
-        there = (slice(down, height), slice(max(0, right), width + min(0, right)))
-        ok = is_open[here] & is_open[there]
-        if right and down:  # both cells beside a diagonal step must be open
-            ok &= is_open[here[0], there[1]] & is_open[there[0], here[1]]
-        rows.append(number[here][ok])
-        cols.append(number[there][ok])
-        weights.append((0.5 * length * resolution_m) * (factor[here][ok] + factor[there][ok]))
-    graph = csr_matrix(
-        (np.concatenate(weights), (np.concatenate(rows), np.concatenate(cols))),
-        shape=(len(flat), len(flat)),
-    )
-    distance, previous = dijkstra(
-        graph, directed=False, indices=int(number[start]), return_predecessors=True
-    )
-    cost.reshape(-1)[flat] = distance
-    has_one = previous >= 0
-    before.reshape(-1)[flat[has_one]] = flat[previous[has_one]]
-    return cost, before

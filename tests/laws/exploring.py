@@ -1,12 +1,10 @@
 # SPDX-License-Identifier: MIT
 """Helpers of the navigation tests: small worlds in metres, and the bench's perfect robot."""
 
-import importlib.util
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
+from exploration_study import sensor_robot as bench
 
 from ins_robot.config import Config, ExplorationConfig, LrfConfig, MapConfig
 from ins_robot.geometry.pose2 import Pose2
@@ -19,18 +17,6 @@ RESOLUTION_M = 0.05
 RADIUS_M = 0.2
 FULL = (0.0, np.pi)
 FORWARD = (0.0, np.radians(150.0))
-
-
-def _load_bench():
-    path = Path(__file__).parents[2] / "tools" / "explore_bench.py"
-    spec = importlib.util.spec_from_file_location("explore_bench", path)
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["explore_bench"] = module
-    spec.loader.exec_module(module)
-    return module
-
-
-bench = _load_bench()
 
 
 def rules(**changes) -> GapRules:

@@ -6,7 +6,7 @@ import pytest
 
 from ins_robot.config import MapConfig
 from ins_robot.geometry.pose2 import Pose2
-from ins_robot.mapping.occupancy_grid import OccupancyGrid
+from ins_robot.mapping.occupancy_grid import CLEARANCE_UP_TO_M, OccupancyGrid
 from ins_robot.mapping.wall_points import wall_points
 from tests.unit.mapping.test_occupancy_grid import scan_of
 
@@ -76,5 +76,5 @@ def test_a_reading_alone_before_a_wall_is_a_ghost() -> None:
 
 def test_a_map_of_nothing_has_no_walls() -> None:
     grid = OccupancyGrid(0.05, MapConfig())
-    assert np.isinf(grid.clearance_m()).all()
+    assert (grid.clearance_m() == CLEARANCE_UP_TO_M).all()
     assert np.isinf(grid.walls().query((0.0, 0.0))[0])

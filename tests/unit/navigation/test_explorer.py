@@ -254,3 +254,22 @@ def test_a_door_to_a_room_where_nothing_answers_is_passed():
     assert run is not None
     assert run.robot.pose.x_m > 3.0, run.decision
     assert run.robot.contacts == 0
+
+
+@pytest.mark.parametrize("strategy", ["auto", "tsp-frontier", "nearest-frontier"])
+def test_a_strategy_that_chooses_places_ends_with_all_seen(strategy):
+    run = explore(ROOMS, *START, configured(strategy=strategy))
+    assert run.decision.is_complete
+    assert run.robot.contacts == 0
+    assert covered(ROOMS, *START, run) >= 0.99
+    graph = run.explorer.as_json()
+    assert any(gap["kind"] == "edge" for node in graph["nodes"] for gap in node["gaps"])
+
+
+def test_auto_scans_hardly_more_often_than_the_paper_and_drives_less():
+    paper, auto = (
+        explore(ROOMS, *START, configured(strategy=name, return_home=False))
+        for name in ("min-gap", "auto")
+    )
+    assert auto.scans <= 1.5 * paper.scans
+    assert auto.robot.path_m < paper.robot.path_m

@@ -19,6 +19,10 @@ def gap(number, width):
     return Gap(id=number, ends_m=ends, outward=np.array([1.0, 0.0]))
 
 
+def no_outlook():
+    raise AssertionError("a strategy on the graph looks at no grid")
+
+
 @pytest.fixture
 def situation():
     graph = NodeGraph()
@@ -32,7 +36,11 @@ def situation():
             )
         )  # fmt: skip
     return Situation(
-        graph=graph, current=3, costs_m=np.array(COSTS), candidates=list(graph.gaps())
+        graph=graph,
+        current=3,
+        costs_m=np.array(COSTS),
+        candidates=lambda: list(graph.gaps()),
+        outlook=no_outlook,
     )
 
 
@@ -47,7 +55,11 @@ def test_each_strategy_chooses_its_own_gap(situation, name, node, width):
 @pytest.mark.parametrize("name", ["min-gap", "max-gap", "backtrack"])
 def test_without_a_candidate_there_is_no_choice(situation, name):
     empty = Situation(
-        graph=situation.graph, current=3, costs_m=situation.costs_m, candidates=[]
+        graph=situation.graph,
+        current=3,
+        costs_m=situation.costs_m,
+        candidates=list,
+        outlook=no_outlook,
     )
     assert make_strategy(name).choose(empty) is None
 
@@ -69,7 +81,11 @@ def test_a_node_that_cannot_be_reached_is_the_last_choice(situation):
     costs = situation.costs_m.copy()
     costs[0] = np.inf
     other = Situation(
-        graph=situation.graph, current=3, costs_m=costs, candidates=situation.candidates
+        graph=situation.graph,
+        current=3,
+        costs_m=costs,
+        candidates=lambda: situation.candidates,
+        outlook=no_outlook,
     )
     node, _ = make_strategy("min-gap").choose(other)
     assert node.index == 2

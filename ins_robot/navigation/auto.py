@@ -1,0 +1,157 @@
+# SPDX-License-Identifier: MIT
+"""`auto`: most new ground for the way.
+
+Of the places the robot can reach, the one from which a scan is expected to show most unseen
+ground for what it costs to get there. Places are compared, not edges: one from which several
+gaps show wins, and what shows from afar is not driven to. Small pockets are closed while they
+are near, because the way counts from nearly nothing.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ins_robot.geometry.angles import wrap_rad
+from ins_robot.navigation.coarse_outlook import coarsened, refined
+from ins_robot.navigation.demands import Demands, demands_of, shows_from
+from ins_robot.navigation.outlook import Aim, BoolArray, IndexArray, Outlook, PastLooks
+
+CELL_M = 0.1  # what is seen from where is worked out in cells of this size
+STOP_M = 0.3  # a scan costs as much as this much way
+SAME_SIDE_RAD = math.radians(30.0)  # looks at a place from so near the same side are one
+NEARER = 0.6  # unless it is this much nearer
+SIGHT_M = 4.0  # unseen ground is not counted on from farther away
+PITCH_M = 0.4  # places compared lie this far apart
+BATCH = 150  # demands looked at together, nearest first
+FINE_SIGHT_M, FINE_PITCH_M, FINE_BATCH = 6.0, 0.1, 40  # when nothing shows: through keyholes
+AREA_POWER = 0.7  # below 1: small pockets are closed while they are near
+
+
+class Auto:
+    """The place with the most expected new area for its way."""
+
+    name = "auto"
+    replan_m = math.inf  # until what it came for is seen: choosing anew each metre dithers
+
+    def __init__(self, *, is_alone: bool = True) -> None:
+        """Without others that do the rest, `is_alone`, it also looks through keyholes."""
+        self._is_alone = is_alone
+
+    def aim(self, outlook: Outlook) -> Aim | None:
+        """None when no place shows anything unseen."""
+        times = max(1, round(CELL_M / outlook.resolution_m))
+        if times == 1:
+            return self._aim(outlook)
+        aim = self._aim(coarsened(outlook, times))
+        return None if aim is None else refined(outlook, aim, times)
+
+    def _aim(self, outlook: Outlook) -> Aim | None:
+        none = np.zeros((0, 2), np.int64)
+        demands = demands_of(outlook, np.concatenate([none, *outlook.edges]))
+        coarse = _look(outlook, demands, PITCH_M, SIGHT_M, BATCH)
+        if coarse is not None or not self._is_alone:
+            return coarse
+        edges = np.concatenate([none, *outlook.edges, *outlook.short_edges])
+        demands = demands_of(outlook, edges)
+        return _look(outlook, demands, FINE_PITCH_M, FINE_SIGHT_M, FINE_BATCH)
+
+
+def _look(
+    outlook: Outlook, demands: Demands, pitch_m: float, sight_m: float, batch: int
+) -> Aim | None:
+    """The best of places so far apart, for the nearest demands that show from any."""
+    pitch = max(1, round(pitch_m / outlook.resolution_m))
+    places, near_m = _places(outlook, pitch)
+    if len(places) == 0:
+        return None
+    edge = demands.edge_cells // pitch
+    order = np.argsort(near_m[edge[:, 0], edge[:, 1]], kind="stable")
+    for first in range(0, len(order), batch):
+        aim = _best(outlook, places, demands.part(order[first : first + batch]), sight_m)
+        if aim is not None:
+            return aim
+    return None
+
+
+def _best(outlook: Outlook, places: IndexArray, demands: Demands, sight_m: float) -> Aim | None:
+    """The best of places (P, 2) for some demands; None when none of them shows from any."""
+    reach = round(sight_m / outlook.resolution_m)
+    low, high = demands.cells.min(axis=0) - reach, demands.cells.max(axis=0) + reach
+    places = places[((places >= low) & (places <= high)).all(axis=1)]
+    if len(places) == 0:
+        return None
+    nodes, at = _looks_near(outlook, low, high)
+    seen = shows_from(outlook, np.concatenate([places, at]), demands.cells, sight_m)
+    shows, was_seen = seen[: len(places)], seen[len(places) :]
+    _drop_looked_at(outlook.looks.part(nodes), was_seen, places, demands.cells, shows)
+    area_m2 = shows @ demands.area_m2
+    is_worth = area_m2 > outlook.gain_min_m2
+    worth = (
+        is_worth * area_m2**AREA_POWER / (STOP_M + outlook.cost_m[places[:, 0], places[:, 1]])
+    )
+    best = int(worth.argmax())
+    if not is_worth[best]:
+        return None
+    shown = np.flatnonzero(shows[best])
+    shown = shown[np.argsort(-demands.area_m2[shown], kind="stable")]
+    return Aim(
+        cell=(int(places[best, 0]), int(places[best, 1])),
+        targets=demands.edge_cells[shown],
+        why=f"{area_m2[best]:.1f} m2 in view",
+        heeds_looks=True,
+    )
+
+
+def _looks_near(
+    outlook: Outlook, low: IndexArray, high: IndexArray
+) -> tuple[IndexArray, IndexArray]:
+    """Numbers (K,) and cells (K, 2) of the looks from within a box of cells."""
+    cells = np.floor(outlook.looks.cells).astype(np.int64)
+    nodes = np.flatnonzero(((cells >= low) & (cells <= high)).all(axis=1))
+    return nodes, cells[nodes]
+
+
+def _drop_looked_at(
+    looks: PastLooks,
+    was_seen: BoolArray,
+    places: IndexArray,
+    cells: IndexArray,
+    shows: BoolArray,
+) -> None:
+    """Of what `shows` (P, D), drop what has been looked at in vain much as from there.
+
+    From the same side and hardly farther away: what hid it then will hide it again. `was_seen`
+    (K, D) says what should have shown from the looks.
+    """
+    node, cell = np.nonzero(was_seen)
+    ahead = cells[cell] + 0.5 - looks.cells[node]
+    off = np.arctan2(ahead[:, 0], ahead[:, 1]) - looks.towards_rad[node]
+    was_turned_to = np.abs(wrap_rad(off)) < looks.half_rad[node]
+    cell, ahead = cell[was_turned_to], ahead[was_turned_to]
+    for this in np.unique(cell).tolist():
+        old, shown = ahead[cell == this], np.flatnonzero(shows[:, this])
+        new = cells[this] - places[shown]
+        far, was_far = np.hypot(*new.T)[:, None], np.hypot(*old.T)
+        same = (new @ old.T >= math.cos(SAME_SIDE_RAD) * far * was_far) & (
+            far >= NEARER * was_far
+        )
+        shows[shown[same.any(axis=1)], this] = False
+
+
+def _places(outlook: Outlook, pitch: int) -> tuple[IndexArray, np.ndarray]:
+    """(P, 2) of each block of cells the reachable one nearest to its middle; cost by block."""
+    height, width = outlook.cost_m.shape
+    margins = [(0, -height % pitch), (0, -width % pitch)]
+    cost = np.pad(outlook.cost_m, margins, constant_values=np.inf)
+    rows, cols = cost.shape[0] // pitch, cost.shape[1] // pitch
+    in_blocks = cost.reshape(rows, pitch, cols, pitch).transpose(0, 2, 1, 3)
+    blocks = in_blocks.reshape(rows, cols, pitch * pitch)
+    off = np.abs(np.arange(pitch) - 0.5 * (pitch - 1))
+    middle = (off[:, None] + off).reshape(-1)
+    is_open = np.isfinite(blocks)
+    chosen = np.where(is_open, middle, np.inf).argmin(axis=2)
+    block = np.argwhere(is_open.any(axis=2))
+    inner = np.stack(np.divmod(chosen[block[:, 0], block[:, 1]], pitch), axis=-1)
+    return block * pitch + inner, blocks.min(axis=2)
