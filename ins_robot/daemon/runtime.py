@@ -232,7 +232,8 @@ class Robot:
         if after is None:
             raise StateError("goto: the robot is on no map: `ins-robot start` makes one")
         self._check_whole()
-        await after.look_for_way(place_m)
+        with self.single_scan.lent_to("goto"):  # it may have to look around for a way
+            await after.look_for_way(place_m)
         if self.mission is not None or self._after is not after:
             raise StateError("goto: something else has begun meanwhile")
         self._check_whole()  # of what happened during the look too

@@ -1,7 +1,10 @@
 # SPDX-License-Identifier: MIT
-"""One scan outside of any run, for `ins-robot scan`."""
+"""The LRF outside of any run: who has it, and one scan, for `ins-robot scan`."""
 
 from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 from ins_robot.config import LrfConfig
 from ins_robot.daemon.pipeline import Pipeline
@@ -16,15 +19,27 @@ class SingleScan:
     def __init__(self, config: LrfConfig, pipeline: Pipeline) -> None:
         self._config = config
         self._pipeline = pipeline
+        self._borrower: str | None = None
 
     def check_idle(self) -> None:
         """Refuse what needs the LRF while it is borrowed; StateError."""
-        if self._pipeline.onlooker is not None:
-            raise StateError("the LRF is taking a scan for `ins-robot scan`: wait a moment")
+        if self._borrower is not None:
+            raise StateError(
+                f"the LRF is busy with `ins-robot {self._borrower}`: wait a moment"
+            )
+
+    @contextmanager
+    def lent_to(self, command: str) -> Iterator[None]:
+        """The LRF belongs to one command; StateError while another one has it."""
+        self.check_idle()
+        self._borrower = command
+        try:
+            yield
+        finally:
+            self._borrower = None
 
     async def take(self) -> list[LaserScan]:
         """`lrf.revolutions` steady revolutions."""
-        self.check_idle()
         taker = ScanTaker(self._config, lambda: self._pipeline.scanner)
         taker.is_always_on = False
         revolutions: list[LaserScan] = []
@@ -33,9 +48,10 @@ class SingleScan:
             if taker.is_steady(revolution) and taker.wants(revolution):
                 revolutions.append(revolution)
 
-        self._pipeline.onlooker = keep
-        try:
-            await taker.take(self._config.revolutions, revolutions.clear)
-        finally:
-            self._pipeline.onlooker = None
+        with self.lent_to("scan"):
+            self._pipeline.onlooker = keep
+            try:
+                await taker.take(self._config.revolutions, revolutions.clear)
+            finally:
+                self._pipeline.onlooker = None
         return revolutions

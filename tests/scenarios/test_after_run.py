@@ -11,6 +11,7 @@ import pytest
 from live_robot import Live, live, run_slow
 
 from ins_robot.core.run_core import RunCore
+from ins_robot.daemon.after_run import AfterRun
 from ins_robot.errors import StateError
 from ins_robot.geometry.pose2 import Pose2
 from ins_robot.logs.replay_journal import JournalOptions, replay_journal
@@ -75,6 +76,43 @@ def test_goto_after_a_run_is_free_of_its_pause_and_has_an_lrf_that_turns(
 
     power = "lrf.power='continuous'"
     run_virtual(live(story, tmp_path, overrides=(power,), timeout_s=400.0))
+
+
+def test_the_look_before_a_goto_after_a_run_has_the_lrf_for_itself(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    look = AfterRun._sweep
+
+    async def story(at: Live) -> None:
+        is_looking, may_look = asyncio.Event(), asyncio.Event()
+
+        async def held(self) -> None:
+            is_looking.set()
+            await may_look.wait()
+            await look(self)
+
+        monkeypatch.setattr(AfterRun, "_sweep", held)
+        await at.commands.start("short")
+        mission = await at.until("driving")
+        await at.commands.stop()
+        mission.core.survey.explorer._blind_scans = 4  # it must look before it goes
+        async with asyncio.TaskGroup() as group:
+            going = group.create_task(at.commands.goto(0.6, 0.4))
+            await is_looking.wait()
+            refusals = [
+                await _refusal(at.commands.start("b")),
+                await _refusal(at.commands.scan()),
+                await _refusal(at.commands.goto(1.0, 0.0)),
+            ]
+            assert not going.done()
+            may_look.set()
+        assert refusals == ["the LRF is busy with `ins-robot goto`: wait a moment"] * 3
+        await at.robot.finished.wait()
+        assert at.robot.last_goto == "arrived at 0.6 0.4"
+        at.robot.single_scan.check_idle()
+
+    run_virtual(live(story, tmp_path, timeout_s=400.0))
+    assert not list(tmp_path.glob("*-b"))
 
 
 def test_an_emergency_stop_while_a_goto_after_a_run_is_looked_at_refuses_it(
