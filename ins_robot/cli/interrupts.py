@@ -9,10 +9,14 @@ from typing import Any
 
 
 class Interrupts:
-    """Within `with`, the first of either signal sets `is_set`; the next one is Ctrl-C again."""
+    """Within `with`, the first of either signal sets `is_set`; the next one is Ctrl-C again.
+
+    `has_cut`: work has been cut short for it, by `cut`; otherwise it came too late to matter.
+    """
 
     def __init__(self) -> None:
         self.is_set = False
+        self.has_cut = False
         self._before: dict[signal.Signals, Any] = {}
 
     def __enter__(self) -> Interrupts:
@@ -23,6 +27,11 @@ class Interrupts:
     def __exit__(self, *error: object) -> None:
         for number, handler in self._before.items():
             signal.signal(number, handler)
+
+    def cut(self) -> bool:
+        """Asked before each further piece of work; True: there was a signal, so stop here."""
+        self.has_cut = self.is_set
+        return self.has_cut
 
     def _note(self, number: int, frame: FrameType | None) -> None:
         if self.is_set:

@@ -45,7 +45,8 @@ def replay_log(
     progress : callable
         Is told the share done, 0 to 1, after each scan.
     is_stopped : callable
-        Asked after each scan; True: the result is of the log up to here.
+        Asked before each scan but the first; True: the result is of the log up to here, and
+        it is not asked again.
 
     Raises
     ------
@@ -56,19 +57,21 @@ def replay_log(
     slam = Slam(config.slam, config.map, log.base_from_lrf, rng, log.range_trusted_m)
     slam_ms: list[float] = []
     scan_rows: list[int] = []
+    is_cut = False
     for step in log.scan_steps():
+        is_cut = bool(scan_rows) and is_stopped()
+        if is_cut:
+            break
         step_begun_s = clock()
         slam.step(step.scan, step.motion, None)
         slam_ms.append(1e3 * (clock() - step_begun_s))
         scan_rows.append(step.row)
         share = (step.row + 1) / len(log.records)
         progress(share)
-        if is_stopped():
-            break
     if not scan_rows:
         raise InputError(f"{name}: the log has no scan")
 
-    records = log.records[: scan_rows[-1] + 1] if is_stopped() else log.records
+    records = log.records[: scan_rows[-1] + 1] if is_cut else log.records
     stamps_s = np.array([record.stamp_s for record in records])
     odom_from_base = np.array([record.odom_from_base.as_array() for record in records])
     map_from_base = corrected_by(slam, scan_rows, odom_from_base)
@@ -76,8 +79,8 @@ def replay_log(
     duration_s = float(stamps_s.max() - stamps_s.min())
     return RunResult(
         name=name,
-        state=RunState.STOPPED if is_stopped() else RunState.COMPLETE,
-        reason=f"interrupted at {share:.0%}" if is_stopped() else f"end of the {log.kind}",
+        state=RunState.STOPPED if is_cut else RunState.COMPLETE,
+        reason=f"interrupted at {share:.0%}" if is_cut else f"end of the {log.kind}",
         grid=slam.grid,
         stamps_s=stamps_s,
         map_from_base=map_from_base,

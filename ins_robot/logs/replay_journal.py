@@ -124,6 +124,8 @@ def replay_journal(
 ) -> RunResult:
     """The run of the journal at `path`, computed again, up to where `is_stopped` says so.
 
+    It is asked after a mark when more follows; after True it is not asked again.
+
     Raises
     ------
     InputError
@@ -136,19 +138,20 @@ def replay_journal(
     recorded = configuration.loads(header.config_toml, f"{path} (recorded configuration)")
     config = configuration.with_overrides(recorded, options.overrides)
     replay = JournalReplay(config, options, timer_s)
+    may_stop = is_cut = False
     for message in messages:
+        is_cut = may_stop and is_stopped()
+        if is_cut:
+            break
         replay.feed(message)
+        may_stop = isinstance(message, Mark) and replay.core.first_stamp_s is not None
         if isinstance(message, Mark):
             on_progress(messages.progress)
-            if is_stopped() and replay.core.first_stamp_s is not None:
-                break
     if replay.core.first_stamp_s is None:
         raise InputError(
             f"{path}: the recording ends before any wheel telemetry or scan: nothing to map"
         )
-    reason = (
-        f"interrupted at {messages.progress:.0%}" if is_stopped() else "the recording ends here"
-    )
+    reason = f"interrupted at {messages.progress:.0%}" if is_cut else "the recording ends here"
     end: dict[str, Any] = (
         replay.end.payload
         if replay.end is not None

@@ -86,7 +86,7 @@ def run(args: argparse.Namespace) -> int:
     replay = _recording if kind is LogKind.JOURNAL else _foreign_log
     with Interrupts() as interrupts:
         try:
-            result = replay(args, kind, path, meter.show, lambda: interrupts.is_set)
+            result = replay(args, kind, path, meter.show, interrupts.cut)
         finally:
             meter.clear()
         for loss in result.notes.get("recording_losses", ()):
@@ -98,7 +98,7 @@ def run(args: argparse.Namespace) -> int:
         print(json_bytes(summary).decode(), end="")
     else:
         print(args.out / MAP_PNG)
-    if interrupts.is_set:
+    if interrupts.has_cut:
         print(f"interrupted; what was computed so far is in {args.out}", file=sys.stderr)
         raise KeyboardInterrupt
     return 0

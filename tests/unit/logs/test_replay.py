@@ -16,9 +16,10 @@ from ins_robot.cli.main import main
 from ins_robot.config import Config
 from ins_robot.geometry.angles import wrap_rad
 from ins_robot.geometry.pose2 import Pose2
+from ins_robot.logs import run_directory
 from ins_robot.logs.carmen import read_carmen
 from ins_robot.logs.replay import replay_log
-from ins_robot.logs.run_directory import read_tum
+from ins_robot.logs.run_directory import read_tum, write_run
 
 WALLS = ((-2.0, 3.0), (-1.5, 2.5))
 BOX = ((1.2, 1.8), (1.0, 1.6))
@@ -201,6 +202,29 @@ def test_a_replay_that_is_interrupted_keeps_what_it_has(
     assert (summary["state"], summary["reason"]) == ("stopped", "interrupted at 50%")
     assert len(read_tum(out / "trajectory.tum")[0]) == 121
     assert signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler)
+
+
+@pytest.mark.parametrize("moment", ["in the last scan", "while saving"])
+def test_an_interrupt_that_cuts_nothing_short_is_none(
+    log, tmp_path, monkeypatch, capsys, moment
+):
+    def show(meter, share):
+        if share > 0.98 and moment == "in the last scan":
+            signal.raise_signal(signal.SIGINT)
+
+    def save(*what):
+        if moment == "while saving":
+            signal.raise_signal(signal.SIGINT)
+        return write_run(*what)
+
+    monkeypatch.setattr(ProgressLine, "show", show)
+    monkeypatch.setattr(run_directory, "write_run", save)
+    out = tmp_path / "out"
+    assert main(["replay", str(log[0]), "--out", str(out)]) == 0
+    assert capsys.readouterr().err == ""
+    summary = json.loads((out / "summary.json").read_text())
+    assert (summary["state"], summary["reason"]) == ("complete", "end of the CARMEN log")
+    assert len(read_tum(out / "trajectory.tum")[0]) == 240
 
 
 def test_a_replay_says_what_it_replaces_and_spares_a_recording(log, tmp_path, capsys):
