@@ -141,6 +141,17 @@ def test_a_name_that_was_changed_and_a_blank_map_are_told(
     )
 
 
+def test_a_stop_has_worked_though_the_runs_cannot_be_listed(
+    robot: FakeRobot, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    async def refuse() -> None:
+        raise StateError("busy")
+
+    monkeypatch.setattr(robot, "runs", refuse)
+    assert main(["stop"]) == 0
+    assert capsys.readouterr() == ("0001-run\n", "")
+
+
 def test_runs_are_listed_and_deleted(
     robot: FakeRobot, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -215,6 +226,25 @@ def test_a_map_s_description_names_the_image_beside_it(
     assert main(["map", "-o", str(tmp_path / "m1.yaml")]) == 0
     assert (tmp_path / "m1.yaml").read_bytes() == b"image: m1.pgm\n"
     assert (tmp_path / "m1.pgm").read_bytes() == MAP["pgm"]
+
+
+@pytest.mark.parametrize("stem", ["m: 1", "- m", "m\\1"])
+def test_a_map_s_description_quotes_a_name_that_is_not_plain(
+    robot: FakeRobot, tmp_path: Path, stem: str
+) -> None:
+    assert main(["map", "-o", str(tmp_path / f"{stem}.yaml")]) == 0
+    key, _, quoted = (tmp_path / f"{stem}.yaml").read_text().partition(": ")
+    assert (key, json.loads(quoted)) == ("image", f"{stem}.pgm")  # JSON is YAML
+
+
+def test_an_image_that_a_description_replaces_is_told(
+    robot: FakeRobot, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["map", "-o", str(tmp_path / "m1.yaml")]
+    assert main(words) == 0
+    assert capsys.readouterr().err == ""
+    assert main(words) == 0
+    assert capsys.readouterr().err == f"{tmp_path}/m1.pgm: replaces the file there\n"
 
 
 @pytest.mark.parametrize(

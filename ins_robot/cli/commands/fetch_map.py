@@ -8,7 +8,10 @@ terminal and they are binary.
 from __future__ import annotations
 
 import argparse
+import json
 import os
+import re
+import sys
 from pathlib import Path
 
 from ins_robot.cli.config_source import add_config_argument
@@ -39,8 +42,10 @@ def run(args: argparse.Namespace) -> int:
     if wanted == "yaml" and output is not None:
         description, image = _both_files(args)
         beside = output.with_suffix(".pgm")
+        if beside.is_file():
+            print(f"{beside}: replaces the file there", file=sys.stderr)
         write_whole(beside, image)
-        deliver(description.replace(b"map.pgm", os.fsencode(beside.name), 1), output)
+        deliver(description.replace(b"map.pgm", _scalar(beside.name), 1), output)
         return 0
     if wanted != "yaml":
         check_output(output, "map", wanted.upper())
@@ -63,6 +68,12 @@ def format_for(output: Path | None, asked: str | None) -> str:
     if ending and ending not in MAP_FORMATS and asked is None:
         raise InputError(f"map: -o {output}: a map ends in {known}; or say --format")
     return asked or ending or "png"
+
+
+def _scalar(name: str) -> bytes:
+    """A file name as YAML; in double quotes, as JSON has them, unless it is plain."""
+    is_plain = re.fullmatch(r"\w[\w.-]*", name) is not None
+    return os.fsencode(name if is_plain else json.dumps(name, ensure_ascii=False))
 
 
 def _both_files(args: argparse.Namespace) -> tuple[bytes, bytes]:

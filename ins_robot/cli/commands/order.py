@@ -8,10 +8,13 @@ nothing when they have worked.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import sys
+from typing import Any
 
 from ins_robot.cli.config_source import add_config_argument
 from ins_robot.cli.control_client import request
+from ins_robot.errors import RobotError
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -24,7 +27,11 @@ def run(args: argparse.Namespace) -> int:
     result = request(args, args.command)
     if result is not None:
         print(result)
-        runs = {run["name"]: run for run in request(args, "runs")}
-        if runs.get(result, {}).get("scans") == 0:
-            print(f"{result} ended before its first scan: its map is blank", file=sys.stderr)
+        with contextlib.suppress(RobotError):  # the order itself has worked
+            _tell_blank(result, request(args, "runs"))
     return 0
+
+
+def _tell_blank(name: str, runs: list[dict[str, Any]]) -> None:
+    if any(run["name"] == name and run.get("scans") == 0 for run in runs):
+        print(f"{name} ended before its first scan: its map is blank", file=sys.stderr)
