@@ -19,7 +19,7 @@ from ins_robot.config import Config
 from ins_robot.core.run_core import RunCore, ScanJob
 from ins_robot.daemon.orders import Place
 from ins_robot.daemon.scan_taking import ScannerPower, ScanTaker
-from ins_robot.errors import RobotError, StateError
+from ins_robot.errors import DeviceError, RobotError, StateError
 from ins_robot.logs.journal import Journal
 from ins_robot.mapping.zones import Zone, zones_as_json
 from ins_robot.messages import ImuSample, LaserScan, Mark, WheelSample
@@ -66,6 +66,7 @@ class RunUnderWay(ABC):
         self.journal = journal
         self.state = MissionState.CALIBRATING
         self.reason = ""
+        self.was_let_down = False  # a device failed it
         self.dropped_sweeps = 0
         self.goal: Drive | None = None
         self._config = config
@@ -104,6 +105,7 @@ class RunUnderWay(ABC):
                 if not self.state.is_over:  # stopped before it began
                     self._method = self._group.create_task(self._explore(), name=self.name)
         except* RobotError as group:
+            self.was_let_down = group.subgroup(DeviceError) is not None
             self._end(MissionState.FAILED, str(group.exceptions[0]))
 
     def stop(self, reason: str, *, failed: bool = False) -> None:

@@ -20,7 +20,6 @@ import numpy as np
 from ins_robot import __version__
 from ins_robot.config import Config, to_toml
 from ins_robot.core.carried_core import CarriedCore, make_core
-from ins_robot.core.run_core import RunCore
 from ins_robot.core.run_result import RunResult, RunState
 from ins_robot.daemon.after_run import AfterRun
 from ins_robot.daemon.drawing import draw_elsewhere
@@ -186,7 +185,7 @@ class Robot:
             await mission.explore()
             await self.pilot.rest()  # the last of the way belongs to the run
         finally:
-            self._stay_in_the_map(mission.core)  # before it is saved, which may take long
+            self._stay_in_the_map(mission)  # before it is saved, which may take long
             try:
                 saving = self._in_survey_worker(lambda: self._save(mission, directory))
                 # Shielded: a second cancellation must not take it out of the worker's queue.
@@ -201,10 +200,14 @@ class Robot:
                 self.mission = None
                 self.finished.set()
 
-    def _stay_in_the_map(self, core: RunCore) -> None:
-        """Go on knowing where the robot is on the map of a run that has ended."""
-        self._after = None
-        if not self.is_manual and core.survey.explorer.graph.nodes:
+    def _stay_in_the_map(self, run: RunUnderWay) -> None:
+        """Go on knowing where the robot is on the map of a run that has ended.
+
+        Unless its devices failed it: the robot may be anywhere by then.
+        """
+        self._after, core = None, run.core
+        is_lost = self.is_manual or run.was_let_down or bool(self.pipeline.missing)
+        if not is_lost and core.survey.explorer.graph.nodes:
             scanner, worker = (lambda: self.pipeline.scanner), self._survey_worker
             self._after = AfterRun("goto", self.config, core, self.pilot, scanner, worker)
         self.pipeline.mission = self._after  # not a frame passes it by
@@ -247,7 +250,7 @@ class Robot:
             await errand.explore()
         finally:
             self.last_goto = errand.reason
-            self._stay_in_the_map(errand.core)
+            self._stay_in_the_map(errand)
             self.mission = None
             self.finished.set()
 

@@ -12,7 +12,8 @@ from live_robot import Live, live, run_slow
 
 from ins_robot.core.run_core import RunCore
 from ins_robot.daemon.after_run import AfterRun
-from ins_robot.errors import StateError
+from ins_robot.daemon.mission import Mission
+from ins_robot.errors import DeviceError, StateError
 from ins_robot.geometry.pose2 import Pose2
 from ins_robot.logs.replay_journal import JournalOptions, replay_journal
 from ins_robot.mapping.zones import Zone, ZoneKind
@@ -115,6 +116,30 @@ def test_the_look_before_a_goto_after_a_run_has_the_lrf_for_itself(
     assert not list(tmp_path.glob("*-b"))
 
 
+@pytest.mark.parametrize("is_missing", [True, False])
+def test_a_run_that_devices_failed_leaves_no_place_to_go_from(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, is_missing: bool
+) -> None:
+    async def fail(*args: object) -> None:
+        raise DeviceError("motors: gone")
+
+    async def story(at: Live) -> None:
+        await at.commands.start("lost")
+        mission = await at.until("driving")
+        if is_missing:
+            at.robot.pipeline._motor = None
+            await at.commands.stop()
+        else:
+            monkeypatch.setattr(Mission, "_take_up", fail)
+            await at.robot.finished.wait()
+            assert mission.reason == "motors: gone"
+        with pytest.raises(StateError, match="the robot is on no map"):
+            await at.commands.goto(0.6, 0.4)
+        assert at.robot.pipeline.mission is None
+
+    run_virtual(live(story, tmp_path))
+
+
 def test_an_emergency_stop_while_a_goto_after_a_run_is_looked_at_refuses_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -178,5 +203,17 @@ def test_a_scan_that_is_being_computed_counts_though_the_run_is_stopped(tmp_path
     run_slow(live(story, tmp_path))
     run = tmp_path / "0001-cut"
     summary = json.loads((run / "summary.json").read_text())
-    again = replay_journal(run / "run.journal", JournalOptions(), lambda: 0.0)
+    marks, cuts = [], []
+    path, options = run / "run.journal", JournalOptions()
+    again = replay_journal(path, options, lambda: 0.0, marks.append)
     assert again.summary()["home_m"] == summary["home_m"]
+    count = len(marks)
+    marks.clear()
+
+    def is_stopped() -> bool:  # a signal that comes during the last mark
+        cuts.append(len(marks) >= count)
+        return cuts[-1]
+
+    late = replay_journal(path, options, lambda: 0.0, marks.append, is_stopped)
+    assert late.summary()["reason"] == "stopped by the operator"
+    assert not any(cuts)
