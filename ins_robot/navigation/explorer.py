@@ -265,6 +265,7 @@ class Explorer:
     def _stay(self, scene: Scene) -> Finished:
         """The end right here: nothing would be seen on the way home."""
         why = f"{self._why_blind()} no way home is driven blindly"
+        self._ledger.conclude(scene)
         return finished(scene, self.graph, self.bounds, Ending(why, False), why)
 
     def _why_blind(self) -> str:
@@ -277,6 +278,7 @@ class Explorer:
             ending = Ending("the LRF shows no free ground here: is it covered?", False)
         step = self._home.step(scene, ending)
         if isinstance(step, str):
+            self._ledger.conclude(scene)
             return finished(scene, self.graph, self.bounds, ending, step)
         return self._set_out(scene, step, f"home, for {ending.reason}")
 

@@ -87,6 +87,20 @@ class GapLedger:
                 gap.set(GapState.UNEXPLORED, "")
         self._close_explored(scene)
 
+    def conclude(self, scene: Scene) -> None:
+        """The states to end with, when this scene was not listed to choose from.
+
+        What was out of reach stays so, with its reason, unless all of it has been seen.
+        """
+        if scene.is_listed:
+            return
+        gaps = [gap for _, gap in self._graph.gaps() if gap.state is GapState.UNREACHABLE]
+        reasons = [gap.why for gap in gaps]
+        self.update(scene)
+        for gap, why in zip(gaps, reasons, strict=True):
+            if gap.is_open:
+                gap.set(GapState.UNREACHABLE, why)
+
     def _close_explored(self, scene: Scene) -> None:
         """Close the gaps from which nothing new shows; note what the others should show."""
         start = self._graph.nodes[0].pose

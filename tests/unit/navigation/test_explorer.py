@@ -23,8 +23,10 @@ from ins_robot.config import Config, ExplorationConfig, LrfConfig, RobotConfig
 from ins_robot.errors import StateError
 from ins_robot.geometry.pose2 import Pose2
 from ins_robot.navigation.decisions import NO_GAP
-from ins_robot.navigation.explorer import Drive, Explorer, Finished
+from ins_robot.navigation.explorer import BLIND_SCANS, Drive, Explorer, Finished
 from ins_robot.navigation.gaps import GapState
+from ins_robot.navigation.guard import SeenGuard
+from ins_robot.navigation.unseen import survey_unseen
 from ins_robot.simulation.truth import coverage
 from ins_robot.simulation.visibility import visible_cells
 
@@ -231,6 +233,29 @@ def test_the_limit_on_scans_ends_the_run_and_says_so():
     assert not ended.decision.is_complete
     assert "max_scans" in ended.decision.reason
     assert ended.decision.left
+
+
+@pytest.mark.parametrize("ends", ["by a limit", "blindly"])
+def test_a_run_that_ends_early_says_what_it_has_seen_by_then(ends):
+    """A chooser of places asks for no gap on its way."""
+    config = configured(strategy="auto", max_scans=5 if ends == "by a limit" else 99)
+    for run in bench.explore(ROOMS, Pose2(*START, 0.0), config):
+        if ends == "blindly" and run.scans == 5:
+            run.explorer._blind_scans = BLIND_SCANS
+            final = run.explorer.decide(run.robot.pose, run.grid)
+            break
+        final = run.decision
+    assert isinstance(final, Finished)
+    explorer = run.explorer
+    unseen = survey_unseen(run.grid, config.exploration.frontier_min_m, explorer._barren)
+    gaps = list(explorer.graph.gaps())
+    stale = [
+        (node.id, gap.id)
+        for node, gap in gaps
+        if gap.is_open and not len(SeenGuard().targets_m(unseen, explorer.graph, node, gap))
+    ]
+    assert gaps
+    assert stale == []
 
 
 def test_the_robot_stays_within_the_radius():
