@@ -244,6 +244,7 @@ class Explorer:
                     return drive
             if not self._chances.reopen(scene.pose):
                 break
+            scene.known_outlook = None
             self._ledger.update(scene)
         back = self._chances.step_back(scene.terrain)
         path = None if back is None else trip(scene, back.position_m, None)

@@ -45,6 +45,8 @@ class Scene:
         For each gap worth driving to, by (node index, gap id): (T, 2) what it should show.
     is_listed, has_adopted, has_squeezed : bool
         What is done once a decision has been done.
+    known_outlook : Outlook or None
+        None: to be made anew, because ground or edges have changed.
     """
 
     pose: Pose2
@@ -60,9 +62,15 @@ class Scene:
     is_listed: bool = False
     has_adopted: bool = False
     has_squeezed: bool = False
+    known_outlook: Outlook | None = None
 
     def outlook(self, range_m: float, vain: BarrenEdges, graph: NodeGraph) -> Outlook:
-        """What a strategy that chooses places itself sees of it."""
+        """What a strategy that chooses places sees of it; the same one until it changes."""
+        if self.known_outlook is None:
+            self.known_outlook = self._outlook(range_m, vain, graph)
+        return self.known_outlook
+
+    def _outlook(self, range_m: float, vain: BarrenEdges, graph: NodeGraph) -> Outlook:
         unseen, resolution = self.unseen, self.grid.resolution_m
         kept = np.flatnonzero(~vain.mask(unseen.ahead_m))
         order = kept[np.argsort(unseen.edge_of[kept], kind="stable")]
@@ -99,6 +107,7 @@ class Scene:
         if self.has_squeezed:
             return False
         self.has_squeezed = True
+        self.known_outlook = None
         before = self.terrain.is_reachable
         odd = find_squeezes(self.grid, self.body, self.unseen.is_unseen)
         odd = self.terrain.odd.joined(odd)

@@ -96,10 +96,17 @@ class OnOutlook:
         self.name, self.replan_m = chooser.name, chooser.replan_m
         self._chooser = chooser
         self._rest = CheapestNode("min-gap", narrowest)
+        self._exhausted: Outlook | None = None  # nothing was found on it: not asked twice
 
     def choose(self, situation: Situation) -> Candidate | Aim | None:
         """A place while there is one, then a gap."""
-        return self._chooser.aim(situation.outlook) or self._rest.choose(situation)
+        outlook = situation.outlook
+        if outlook is not self._exhausted:
+            aim = self._chooser.aim(outlook)
+            if aim is not None:
+                return aim
+            self._exhausted = outlook
+        return self._rest.choose(situation)
 
     def retraces(self, graph: NodeGraph, node: Node) -> list[int]:
         """No node in between."""

@@ -22,10 +22,12 @@ from exploring import (
 from ins_robot.config import Config, ExplorationConfig, LrfConfig, RobotConfig
 from ins_robot.errors import StateError
 from ins_robot.geometry.pose2 import Pose2
+from ins_robot.navigation.auto import Auto
 from ins_robot.navigation.decisions import NO_GAP
 from ins_robot.navigation.explorer import BLIND_SCANS, Drive, Explorer, Finished
 from ins_robot.navigation.gaps import GapState
 from ins_robot.navigation.guard import SeenGuard
+from ins_robot.navigation.scan_place import ScanPlaces
 from ins_robot.navigation.unseen import survey_unseen
 from ins_robot.simulation.truth import coverage
 from ins_robot.simulation.visibility import visible_cells
@@ -298,3 +300,18 @@ def test_auto_scans_hardly_more_often_than_the_paper_and_drives_less():
     )
     assert auto.scans <= 1.5 * paper.scans
     assert auto.robot.path_m < paper.robot.path_m
+
+
+def test_a_chooser_without_an_answer_is_not_asked_again_for_each_refused_gap(monkeypatch):
+    asked, refused = [], []
+
+    def refuse(places, scene, node, gap):
+        refused.append(gap)
+        gap.set(GapState.UNREACHABLE, "for the test")
+
+    monkeypatch.setattr(Auto, "aim", lambda auto, outlook: asked.append(outlook))
+    monkeypatch.setattr(ScanPlaces, "choose", refuse)
+    _, _, decision = start_of(configured(strategy="auto"))
+    assert isinstance(decision, Finished)
+    assert len(refused) > 2
+    assert len(asked) <= 2  # before narrow passages are looked for, and after
