@@ -23,7 +23,7 @@ from ins_robot.mapping.occupancy_grid import OccupancyGrid
 from ins_robot.mapping.silence import READINGS_MIN
 from ins_robot.mapping.zones import Zone
 from ins_robot.messages import LaserScan, PlannedPath
-from ins_robot.navigation.aim_gap import gap_of_aim
+from ins_robot.navigation.aim_gap import AimGap, gap_of_aim
 from ins_robot.navigation.bounds import Bounds
 from ins_robot.navigation.decisions import NO_GAP, Drive, Ending, Finished, LeftGap, finished
 from ins_robot.navigation.driven_ways import DrivenWays
@@ -43,7 +43,7 @@ from ins_robot.navigation.second_chances import SecondChances
 from ins_robot.navigation.strategies import Candidate, Situation, make_strategy
 from ins_robot.navigation.terrain import BodyRules
 from ins_robot.navigation.trips import trip, way_m
-from ins_robot.navigation.unseen import BarrenEdges
+from ins_robot.navigation.unseen import STRIKES, BarrenEdges
 from ins_robot.navigation.way_home import WayHome
 
 __all__ = ["Drive", "Explorer", "Finished", "LeftGap"]
@@ -103,7 +103,8 @@ class Explorer:
         self._scanned_aim: _Aim | None = None
         self._has_new_node = False
         self._blind_scans = 0
-        self._chances = SecondChances(self.graph, self._barren)
+        self._aimed: list[AimGap] = []  # by a strategy that chooses places, in order
+        self._chances = SecondChances(self.graph, self._barren, self._vain)
         self._progress = Progress()
         self._errand: Errand | None = None
         self._home = WayHome(self.graph, self.bounds, is_wanted=config.return_home)
@@ -238,8 +239,9 @@ class Explorer:
         while True:
             while (choice := self._choose(scene, costs_m)) is not None:
                 if isinstance(choice, Aim):
-                    return self._drive_for(scene, choice)
-                drive = self._drive_to(scene, *choice)
+                    drive = self._drive_for(scene, choice)
+                else:
+                    drive = self._drive_to(scene, *choice)
                 if drive is not None:
                     return drive
             if not self._chances.reopen(scene.pose):
@@ -385,9 +387,19 @@ class Explorer:
             )
         )
 
-    def _drive_for(self, scene: Scene, aim: Aim) -> Drive:
-        """The way to a place the strategy chose; what it is for becomes a gap."""
-        found = gap_of_aim(scene, self.graph, aim, self._sector_half_rad)
+    def _drive_for(self, scene: Scene, aim: Aim) -> Drive | None:
+        """The way to a place the strategy chose; what it is for becomes a gap.
+
+        None where that has been given up: then it must choose another one.
+        """
+        found = gap_of_aim(scene, self.graph, aim, self._sector_half_rad, self._aimed)
+        if found.gap.failures >= FAILURES_MAX:
+            self._vain.strike(found.targets_m, STRIKES)
+            scene.known_outlook = None
+            return None
+        if not found.gap.is_open:  # out of reach then
+            found.gap.set(GapState.UNEXPLORED, "")
+        self._aimed.append(found)
         path = plan(scene.terrain, scene.pose, aim.cell, found.heading_rad)
         reason = f"{self._strategy.name}: {aim.why}, {path.length_m:.1f} m to drive"
         drive = self._drive(scene, path, found.node, found.gap.id, reason)

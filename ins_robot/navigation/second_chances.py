@@ -32,8 +32,8 @@ class _Refusal:
 class SecondChances:
     """Memory of what was given up, and where the robot stood then."""
 
-    def __init__(self, graph: NodeGraph, barren: BarrenEdges) -> None:
-        self._graph, self._barren = graph, barren
+    def __init__(self, graph: NodeGraph, barren: BarrenEdges, vain: BarrenEdges) -> None:
+        self._graph, self._barren, self._vain = graph, barren, vain
         self._refusals: dict[tuple[int, int], _Refusal] = {}
         self._has_stepped_back = False
 
@@ -61,6 +61,7 @@ class SecondChances:
             refusal.gap.is_deferred = False
             refusal.gap.set(GapState.UNEXPLORED, "")
             self._barren.pardon(refusal.targets_m)
+            self._vain.pardon_once(refusal.targets_m)
         return bool(ready)
 
     def step_back(self, terrain: Terrain) -> Node | None:

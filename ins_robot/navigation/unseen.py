@@ -75,6 +75,13 @@ class BarrenEdges:
         for point in np.asarray(points_m, float).tolist():
             self._strikes.pop(self._key(point), None)
 
+    def pardon_once(self, points_m: FloatArray) -> None:
+        """The same, but what was pardoned or forgiven before stays counted."""
+        keys = {self._key(point) for point in np.asarray(points_m, float).tolist()}
+        for key in keys - self._forgiven:
+            self._strikes.pop(key, None)
+        self._forgiven |= keys
+
     @staticmethod
     def _key(point: list[float]) -> tuple[int, int]:
         return math.floor(point[0] / BARREN_CELL_M), math.floor(point[1] / BARREN_CELL_M)

@@ -28,7 +28,8 @@ from ins_robot.navigation.explorer import BLIND_SCANS, Drive, Explorer, Finished
 from ins_robot.navigation.gaps import GapState
 from ins_robot.navigation.guard import SeenGuard
 from ins_robot.navigation.scan_place import ScanPlaces
-from ins_robot.navigation.unseen import survey_unseen
+from ins_robot.navigation.second_chances import SecondChances
+from ins_robot.navigation.unseen import STRIKES, BarrenEdges, survey_unseen
 from ins_robot.simulation.truth import coverage
 from ins_robot.simulation.visibility import visible_cells
 
@@ -315,3 +316,42 @@ def test_a_chooser_without_an_answer_is_not_asked_again_for_each_refused_gap(mon
     assert isinstance(decision, Finished)
     assert len(refused) > 2
     assert len(asked) <= 2  # before narrow passages are looked for, and after
+
+
+def test_a_place_aimed_at_again_is_the_same_gap():
+    explorer, grid, first = start_of(configured(strategy="auto"))
+    count = len(list(explorer.graph.gaps()))
+    again = explorer.decide(Pose2(), grid)  # as a run does whose way is blocked
+    assert again.reason == first.reason
+    assert (again.node_id, again.gap_id) == (first.node_id, first.gap_id)
+    assert len(list(explorer.graph.gaps())) == count
+
+
+def test_a_place_refused_twice_is_given_up_and_another_one_chosen():
+    explorer, grid, first = start_of(configured(strategy="auto"))
+    decision = first
+    (aimed,) = explorer._aimed
+    tries = 0
+    while isinstance(decision, Drive) and decision.gap_id != NO_GAP:
+        tries += (decision.node_id, decision.gap_id) == (first.node_id, first.gap_id)
+        explorer.report_failure(decision, "in the way")
+        decision = explorer.decide(Pose2(), grid)
+    assert tries == 2
+    assert aimed.gap.state is GapState.UNREACHABLE
+    assert aimed.gap.why == "given up after 2 tries: in the way"
+
+
+def test_a_second_chance_pardons_a_place_that_was_out_of_reach_once():
+    explorer, _, _ = start_of()
+    (node,) = explorer.graph.nodes
+    vain, targets = BarrenEdges(), np.array([[2.0, 1.0], [2.5, 1.0]])
+    chances = SecondChances(explorer.graph, BarrenEdges(), vain)
+    for gap, is_pardoned in zip(node.gaps, (True, False), strict=False):
+        vain.strike(targets, STRIKES)
+        chances.refused(node, gap, targets)
+        chances.stands_at(Pose2())
+        gap.set(GapState.UNREACHABLE, "for the test")
+        assert not chances.reopen(Pose2(0.1, 0.0, 0.0))
+        assert vain.mask(targets).all()
+        assert chances.reopen(Pose2(0.8, 0.0, 0.0))
+        assert vain.mask(targets).any() != is_pardoned
