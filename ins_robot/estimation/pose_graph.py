@@ -30,6 +30,7 @@ class PoseGraph:
         self._sights = GrowingRows((2,), np.int32)
         self._turned_rad = GrowingRows(())
         self._sight_weights = GrowingRows(())
+        self._strain = GrowingRows((3,))  # what pulls at nodes that were held
         self._relaxed = [0, 0, 0]  # nodes, edges and sights that the poses agree with
 
     def __len__(self) -> int:
@@ -53,6 +54,7 @@ class PoseGraph:
     def add_node(self, pose: FloatArray) -> int:
         """Add a node; returns its index."""
         self._poses.add(pose)
+        self._strain.add(np.zeros(3))
         return len(self) - 1
 
     def add_edge(
@@ -116,8 +118,10 @@ class PoseGraph:
             weights=self._sight_weights.all,
             is_new_sight=np.arange(len(self._sights)) >= sights,
         )
-        state = relax(State(before, self._directions_rad), constraints, is_new)
+        state = State(before, self._directions_rad, self._strain.all.copy())
+        state = relax(state, constraints, is_new)
         self.poses[:], self._directions_rad = state.poses, state.directions_rad
+        self._strain.all[:] = state.strain
         self._relaxed = [len(self), len(self._ends), len(self._sights)]
         return np.asarray(np.hypot(*(self.poses - before)[:, :2].T))
 

@@ -80,18 +80,25 @@ class Constraints:
 
 @dataclass(frozen=True, slots=True)
 class State:
-    """Node poses (K, 3) and directions (D,), map frame."""
+    """Node poses (K, 3) and directions (D,), map frame; and what still pulls at the nodes.
+
+    `strain` (K, 3) is the gradient that held nodes were left with: little each time, but it
+    adds up.
+    """
 
     poses: FloatArray
     directions_rad: FloatArray
+    strain: FloatArray
 
 
 def relax(state: State, constraints: Constraints, is_new: BoolArray) -> State:
     """The state where all agrees best; elsewhere than at `is_new` (K,) it agreed before."""
+    if not is_new.any():
+        return state
     before, hops, steps = state, 0, 0
     is_small = len(is_new) <= WHOLE_NODES
     is_free = np.full(is_new.shape, is_small or _fades(state, constraints))
-    pulled = is_new
+    pulled, strain = is_new, state.strain
     while steps < STEPS_MAX:
         if pulled.any():
             is_free |= _widened(pulled, constraints.ends, hops)
@@ -101,10 +108,10 @@ def relax(state: State, constraints: Constraints, is_new: BoolArray) -> State:
             window, hops, steps = constraints.around(is_free), max(1, 2 * hops), 0
         step = _step(state, window, is_free)
         state, steps = _moved(state, step, is_free), steps + 1
-        pulled = _pulled(before, state, window, is_free)
+        pulled, strain = _pulled(before, state, window, is_free)
         if not pulled.any() and np.abs(step).max(initial=0.0) < CONVERGED_M:
             break
-    return state
+    return replace(state, strain=strain)
 
 
 def _fades(state: State, constraints: Constraints) -> bool:
@@ -127,7 +134,8 @@ def _moved(state: State, step: FloatArray, is_free: BoolArray) -> State:
     poses = state.poses.copy()
     poses[free] += step[: POSE_SIZE * len(free)].reshape(-1, POSE_SIZE)
     poses[free, 2] = wrap_rad(poses[free, 2])
-    return State(poses, state.directions_rad + step[POSE_SIZE * len(free) :])
+    directions_rad = state.directions_rad + step[POSE_SIZE * len(free) :]
+    return replace(state, poses=poses, directions_rad=directions_rad)
 
 
 @dataclass(frozen=True, slots=True)
@@ -235,26 +243,32 @@ def _step(state: State, window: Constraints, is_free: BoolArray) -> FloatArray:
     return np.asarray(factors.solve(-gradient))
 
 
-def _pulled(before: State, after: State, window: Constraints, is_free: BoolArray) -> BoolArray:
-    """(K,) bool: held nodes that would move now, as what is beside them has moved."""
+def _pulled(
+    before: State, after: State, window: Constraints, is_free: BoolArray
+) -> tuple[BoolArray, FloatArray]:
+    """(K,) bool: held nodes that would move now, as those beside them have; the strain."""
     window = window.of(np.flatnonzero(~is_free[window.ends].all(axis=1)))  # its rim
     old, new = _linear(before, window), _linear(after, window)
     force, stiffness = np.zeros(before.poses.shape), np.zeros((*is_free.shape, 3, 3))
     change = new.pulls() - old.pulls() * ~window.is_new[:, None]
+    is_rim = np.zeros(is_free.shape, bool)
     for i in (0, 1):
         held = np.flatnonzero(~is_free[window.ends[:, i]])
         node, slope = window.ends[held, i], new.slopes[i, held]
         np.add.at(force, node, change[i, held])
         np.add.at(stiffness, node, slope.swapaxes(1, 2) @ new.weighted[held] @ slope)
+        is_rim[node] = True
     seen, rested = window.seen[:, 0], old.weights * old.off_rad * ~window.is_new_sight
     np.add.at(force[:, 2], seen, new.weights * new.off_rad - rested)
     np.add.at(stiffness[:, 2, 2], seen, new.weights)
+    strain = np.where(is_free[:, None], 0.0, before.strain + force)
+    force[is_rim] = strain[is_rim]
     pulled = ~is_free & force.any(axis=1)
     pulled[0] = False
     node = np.flatnonzero(pulled)
     step = np.linalg.solve(stiffness[node] + np.eye(3), force[node, :, None])[..., 0]
     pulled[node] = (np.hypot(*step[:, :2].T) > PULLED_M) | (np.abs(step[:, 2]) > PULLED_RAD)
-    return pulled
+    return pulled, strain
 
 
 def _fade(chi2: FloatArray) -> FloatArray:

@@ -167,10 +167,12 @@ class OccupancyGrid:
 
         low = np.array([rows.start, cols.start])
         is_occupied = self.log_odds[rows, cols] > OCCUPIED_LOG_ODDS
-        points, ranges = self._near.all()
+        points, ranges, counts = self._near.all()
         cells = self.cells(points) - low
         drawn = ((cells >= 0) & (cells < is_occupied.shape)).all(axis=-1)
-        seen, told = wall_points(points[drawn], ranges[drawn], cells[drawn], is_occupied)
+        seen, told = wall_points(
+            points[drawn], ranges[drawn], counts[drawn], cells[drawn], is_occupied
+        )
         corners = self.metres(np.argwhere(is_occupied & ~told) + low)[:, None] + (
             self.resolution_m * CORNERS
         )

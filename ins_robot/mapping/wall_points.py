@@ -30,27 +30,33 @@ class NearReadings:
     def __init__(self) -> None:
         self._points = np.zeros((0, 2))
         self._ranges = np.zeros(0)
+        self._counts = np.zeros(0, np.int64)
         self._new: list[tuple[LaserScan, Pose2]] = []
 
     def add(self, scan: LaserScan, map_from_lrf: Pose2) -> None:
         """Take a scan in, taken at `map_from_lrf`; it is looked at when asked for."""
         self._new.append((scan, map_from_lrf))
 
-    def all(self) -> tuple[FloatArray, FloatArray]:
-        """(N, 2) end points and (N,) the ranges they were seen from."""
+    def all(self) -> tuple[FloatArray, FloatArray, NDArray[np.int64]]:
+        """(N, 2) end points, (N,) the ranges they were seen from, and (N,) how often."""
         if self._new:
             seen = [_near_ends(scan, map_from_lrf) for scan, map_from_lrf in self._new]
             points = np.concatenate([self._points, *(points for points, _ in seen)])
             ranges = np.concatenate([self._ranges, *(ranges for _, ranges in seen)])
+            fresh = np.ones(len(points) - len(self._counts), np.int64)
+            counts = np.concatenate([self._counts, fresh])
             self._new.clear()
             squares = np.floor(points / THIN_M).astype(np.int64)
             order = np.lexsort((ranges, squares[:, 1], squares[:, 0]))
             squares = squares[order]
             first = np.ones(len(order), bool)
             first[1:] = (squares[1:] != squares[:-1]).any(axis=1)
-            kept = np.sort(order[first])
-            self._points, self._ranges = points[kept], ranges[kept]
-        return self._points, self._ranges
+            kept = order[first]
+            if len(kept):
+                counts[kept] = np.add.reduceat(counts[order], np.flatnonzero(first))
+            kept = np.sort(kept)
+            self._points, self._ranges, self._counts = points[kept], ranges[kept], counts[kept]
+        return self._points, self._ranges, self._counts
 
 
 def _near_ends(scan: LaserScan, map_from_lrf: Pose2) -> tuple[FloatArray, FloatArray]:
@@ -64,6 +70,7 @@ def _near_ends(scan: LaserScan, map_from_lrf: Pose2) -> tuple[FloatArray, FloatA
 def wall_points(
     points_m: FloatArray,
     ranges_m: FloatArray,
+    counts: NDArray[np.int64],
     cells: NDArray[np.int64],
     is_occupied: BoolArray,
 ) -> tuple[FloatArray, BoolArray]:
@@ -71,8 +78,8 @@ def wall_points(
 
     Parameters
     ----------
-    points_m, ranges_m : (N, 2), (N,)
-        End points and how far away they were.
+    points_m, ranges_m, counts : (N, 2), (N,), (N,)
+        End points, how far away they were, and how often they were seen.
     cells : (N, 2) int64
         The grid's cell of each; one that is not in or beside an occupied cell is a ghost, and
         so is one alone in a cell that is not occupied: the mixed reading of two surfaces.
@@ -83,23 +90,28 @@ def wall_points(
 
     beside = grown(is_occupied)
     real = beside[cells[:, 0], cells[:, 1]]
+    points_m, ranges_m, counts, cells = (
+        points_m[real],
+        ranges_m[real],
+        counts[real],
+        cells[real],
+    )
+    real = (counts > 1) | is_occupied[cells[:, 0], cells[:, 1]] | ~_is_alone(points_m, ranges_m)
     points_m, ranges_m, cells = points_m[real], ranges_m[real], cells[real]
-    real = ~_is_alone(points_m, ranges_m) | is_occupied[cells[:, 0], cells[:, 1]]
-    points_m, ranges_m, cells = points_m[real], ranges_m[real], cells[real]
-    counts = np.zeros(len(points_m), bool)
+    is_told = np.zeros(len(points_m), bool)
     nearer_m = 0.0
     for ring_m in RINGS_M:
         ring = np.flatnonzero((ranges_m > nearer_m) & (ranges_m <= ring_m))
-        if counts.any():
-            away, _ = cKDTree(points_m[counts]).query(
+        if is_told.any():
+            away, _ = cKDTree(points_m[is_told]).query(
                 points_m[ring], distance_upper_bound=SAME_M
             )
             ring = ring[~np.isfinite(away)]
-        counts[ring] = True
+        is_told[ring] = True
         nearer_m = ring_m
     told = np.zeros(is_occupied.shape, bool)
-    told[cells[counts, 0], cells[counts, 1]] = True
-    return points_m[counts], grown(told)
+    told[cells[is_told, 0], cells[is_told, 1]] = True
+    return points_m[is_told], grown(told)
 
 
 def _is_alone(points_m: FloatArray, ranges_m: FloatArray) -> BoolArray:

@@ -66,6 +66,35 @@ def test_a_part_relaxed_is_as_good_as_all(monkeypatch, off):
     assert found[0] == pytest.approx(found[1], abs=2e-3)
 
 
+def test_many_small_relaxations_are_as_good_as_one_of_all(monkeypatch):
+    """A gyro that turns a little too far, walls that say so: what is held must not add up."""
+    monkeypatch.setattr(relaxation, "WHOLE_NODES", 0)
+    monkeypatch.setattr(relaxation, "WHOLE_SHARE", 1.1)
+    rng, graph = np.random.default_rng(3), PoseGraph()
+    graph.add_node(np.zeros(3))
+    graph.add_sight(0, graph.add_direction(0.0), 0.0, 0.01)
+    for k in range(1, 250):
+        step = np.array([0.4, 0.0, 1e-3]) + rng.normal(0.0, [5e-3, 5e-3, 2e-3])
+        graph.add_node(compose(graph.poses[k - 1], step))
+        graph.add_edge(k - 1, k, step, STIFF)
+        graph.add_sight(k, 0, rng.normal(0.0, 0.01), 0.01)
+        graph.relax()
+    little_by_little = graph.poses.copy()
+    monkeypatch.setattr(relaxation, "WHOLE_SHARE", 0.0)
+    graph.add_node(compose(graph.poses[-1], step))
+    graph.add_edge(249, 250, step, STIFF)
+    graph.relax()
+    assert graph.poses[:250] == pytest.approx(little_by_little, abs=1e-3)
+
+
+def test_relaxing_again_changes_nothing():
+    graph, _ = ladder(np.random.default_rng(4), 20, noise=0.002)
+    graph.relax()
+    before = graph.poses.tobytes()
+    assert not graph.relax().any()
+    assert graph.poses.tobytes() == before
+
+
 @settings(max_examples=40, deadline=None)
 @given(st.integers(0, 10_000))
 def test_linked_is_what_a_walk_over_edges_reaches(seed):

@@ -11,6 +11,7 @@ from ins_robot.mapping.wall_points import wall_points
 from tests.unit.mapping.test_occupancy_grid import scan_of
 
 BEARINGS = np.linspace(-1.2, 1.2, 240)
+ONCE = np.ones(3, np.int64)
 
 
 def _grid(*seen: tuple[Pose2, np.ndarray, np.ndarray]) -> OccupancyGrid:
@@ -47,7 +48,7 @@ def test_the_reading_from_nearer_counts() -> None:
     solid = np.ones((40, 40), bool)
     points = np.concatenate([far, near])
     cells = np.floor(points[:, ::-1] / 0.05).astype(np.int64)
-    kept, told = wall_points(points, np.array([1.9, 1.9, 0.5]), cells, solid)
+    kept, told = wall_points(points, np.array([1.9, 1.9, 0.5]), ONCE, cells, solid)
     assert sorted(map(tuple, kept.tolist())) == [(1.0, 0.2), (1.01, 0.02)]
     assert told[0, 20]
     assert not told[30, 30]
@@ -58,20 +59,21 @@ def test_a_reading_where_nothing_solid_was_found_is_a_ghost() -> None:
     solid[0, 0] = True
     points = np.array([[0.045, 0.045], [0.055, 0.055], [1.0, 1.0]])
     cells = np.floor(points[:, ::-1] / 0.05).astype(np.int64)
-    kept, _ = wall_points(points, np.full(3, 0.5), cells, solid)
+    kept, _ = wall_points(points, np.full(3, 0.5), ONCE, cells, solid)
     np.testing.assert_array_equal(kept, points[:2])
 
 
-def test_a_reading_alone_before_a_wall_is_a_ghost() -> None:
+@pytest.mark.parametrize("near_m", [0.31, 0.51, 0.96])
+def test_a_reading_alone_before_a_wall_is_a_ghost(near_m: float) -> None:
     """Half of the beam on a post, half beyond: once, six centimetres before the wall."""
-    bearings = np.linspace(-0.3, 0.3, 31)
-    wall = 1.02 / np.cos(bearings)
+    bearings = np.radians(np.arange(-20.0, 21.0))
+    wall = (near_m + 0.06) / np.cos(bearings)
     often = [(Pose2(), wall, bearings)] * 4
-    for beams, away_m in (([15], 0.06), ([14, 15], 0.0)):  # two side by side have hit something
+    for beams, away_m in (([20], 0.06), ([20, 21], 0.0)):  # two side by side have hit something
         once = wall.copy()
         once[beams] -= 0.06
         grid = _grid((Pose2(), once, bearings), *often)
-        assert grid.walls().query((0.96, 0.0))[0] == pytest.approx(away_m, abs=0.01)
+        assert grid.walls().query((near_m, 0.0))[0] == pytest.approx(away_m, abs=0.01)
 
 
 def test_a_map_of_nothing_has_no_walls() -> None:
