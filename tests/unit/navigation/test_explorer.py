@@ -346,7 +346,8 @@ def test_a_second_chance_pardons_a_place_that_was_out_of_reach_once():
     (node,) = explorer.graph.nodes
     vain, targets = BarrenEdges(), np.array([[2.0, 1.0], [2.5, 1.0]])
     chances = SecondChances(explorer.graph, BarrenEdges(), vain)
-    for gap, is_pardoned in zip(node.gaps, (True, False), strict=False):
+    gaps = [node.gaps[0], replace(node.gaps[0], id=1)]
+    for gap, is_pardoned in zip(gaps, (True, False), strict=True):
         vain.strike(targets, STRIKES)
         chances.refused(node, gap, targets)
         chances.stands_at(Pose2())
