@@ -14,10 +14,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from filterpy.kalman import ExtendedKalmanFilter
 
 from ins_robot.config import KalmanConfig
 from ins_robot.errors import StateError
+from ins_robot.estimation.filterpy_ekf import ExtendedKalmanFilter
 from ins_robot.geometry.angles import FloatArray, wrap_rad
 
 # Chi-square of 4 degrees of freedom is above this once in 100,000 fair innovations.

@@ -4,6 +4,8 @@
 from __future__ import annotations
 
 import math
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -175,3 +177,21 @@ def test_a_robot_at_rest_that_learns_its_bias_does_not_slide_along_its_way() -> 
         kalman.update_wheels(0.0, 0.0, 0.0, resting, gyro_radps=0.005)
     assert kalman.state[State.GYRO_BIAS] == pytest.approx(0.005, abs=2e-4)
     assert np.abs(kalman.state[State.POSE] - stopped).max() < 1e-4
+
+
+def test_the_filter_comes_without_scipy_stats_and_still_has_its_likelihood():
+    code = (
+        "import sys, numpy as np; "
+        "from ins_robot.estimation.filterpy_ekf import ExtendedKalmanFilter; "
+        "assert 'scipy.stats' not in sys.modules; "
+        "ekf = ExtendedKalmanFilter(1, 1); "
+        "ekf.update(np.array([[1.0]]), lambda x: np.eye(1), lambda x: x); "
+        "print(ekf.log_likelihood); "
+        "import filterpy.stats; "
+        "assert filterpy.stats.gaussian"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert float(done.stdout) == pytest.approx(-0.5 * (math.log(4.0 * math.pi) + 0.5))
