@@ -18,6 +18,7 @@ from ins_robot.messages import LaserScan
 
 RINGS_M = (0.5, 1.0, 2.0)  # the nearer ring tells of a surface before the next
 SAME_M = 0.05  # a reading from further this near to one from nearer adds nothing but its noise
+NEARER_SHARE = 0.5  # and only then: what one scan saw of one surface is not told apart
 ALONE_M, ALONE_RAD = 0.01, 0.035  # no other so near, or within two beams: a ghost
 THIN_M = 0.01  # one reading per square of this size is enough
 
@@ -102,11 +103,11 @@ def wall_points(
     nearer_m = 0.0
     for ring_m in RINGS_M:
         ring = np.flatnonzero((ranges_m > nearer_m) & (ranges_m <= ring_m))
-        if is_told.any():
-            away, _ = cKDTree(points_m[is_told]).query(
-                points_m[ring], distance_upper_bound=SAME_M
-            )
-            ring = ring[~np.isfinite(away)]
+        known = np.flatnonzero(is_told)
+        if len(known):
+            away, nearest = cKDTree(points_m[known]).query(points_m[ring])
+            nearer = ranges_m[known[nearest]] <= NEARER_SHARE * ranges_m[ring]
+            ring = ring[~(nearer & (away <= SAME_M))]
         is_told[ring] = True
         nearer_m = ring_m
     told = np.zeros(is_occupied.shape, bool)

@@ -54,6 +54,15 @@ def test_the_reading_from_nearer_counts() -> None:
     assert not told[30, 30]
 
 
+def test_a_corner_keeps_its_tip_whatever_ring_it_lies_in() -> None:
+    """A post's face seen from 0.49 to 0.53 m: the far end is no less true than the near one."""
+    bearings = np.radians(np.arange(-24.0, 25.0))
+    ranges = 0.49 / np.cos(bearings)
+    grid = _grid((Pose2(), ranges, bearings))
+    tip = 0.49 * np.array([1.0, np.tan(bearings[-1])])
+    assert grid.walls().query(tip)[0] < 1e-6
+
+
 def test_a_reading_where_nothing_solid_was_found_is_a_ghost() -> None:
     solid = np.zeros((40, 40), bool)
     solid[0, 0] = True
