@@ -87,7 +87,7 @@ class Survey:
 
     def scan_on_the_way(self, scan: LaserScan, motion: MotionIncrement) -> PoseEstimate:
         """Correct the pose, and draw what is new; no decision."""
-        self.explorer.glimpse(scan)
+        self.explorer.blindness.glimpsed(scan)
         return self._locate(scan, motion, is_node=None)
 
     def give_up(self, goal: Drive, why: str, pose: Pose2) -> Decision:

@@ -56,7 +56,7 @@ class AfterRun(Mission):
 
     async def look_for_way(self, place_m: Place) -> None:
         """Whether a known way leads to a place; a StateError says why none does."""
-        if self.core.survey.explorer.is_blind:  # as the run ended; it may see again
+        if self.core.survey.explorer.blindness.is_feared:  # as the run ended; it may see again
             try:
                 await self._sweep()
             finally:

@@ -26,7 +26,7 @@ def _load() -> Any:
         from filterpy.kalman import ExtendedKalmanFilter
     else:
         stand_in = ModuleType(name)
-        stand_in.logpdf = _logpdf  # type: ignore[attr-defined]
+        stand_in.__dict__["logpdf"] = _logpdf
         sys.modules[name] = stand_in
         try:
             from filterpy.kalman import ExtendedKalmanFilter

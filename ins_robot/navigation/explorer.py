@@ -9,7 +9,6 @@ Scan, pose and map in; `Drive` or `Finished` out. Pure: same calls, same answers
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -20,10 +19,10 @@ from ins_robot.errors import StateError
 from ins_robot.geometry.angles import FloatArray
 from ins_robot.geometry.pose2 import Pose2
 from ins_robot.mapping.occupancy_grid import OccupancyGrid
-from ins_robot.mapping.silence import READINGS_MIN
 from ins_robot.mapping.zones import Zone
 from ins_robot.messages import LaserScan, PlannedPath
 from ins_robot.navigation.aim_gap import AimGap, gap_of_aim
+from ins_robot.navigation.blindness import Blindness
 from ins_robot.navigation.bounds import Bounds
 from ins_robot.navigation.decisions import NO_GAP, Drive, Ending, Finished, LeftGap, finished
 from ins_robot.navigation.driven_ways import DrivenWays
@@ -36,10 +35,10 @@ from ins_robot.navigation.node_graph import Node, NodeGraph
 from ins_robot.navigation.outlook import Aim
 from ins_robot.navigation.planner import plan, plan_through
 from ins_robot.navigation.progress import Progress
+from ins_robot.navigation.pursuit import Pursuit, Target
 from ins_robot.navigation.reach import Reach
 from ins_robot.navigation.scan_place import ScanPlaces
 from ins_robot.navigation.scene import Scene, look_around
-from ins_robot.navigation.second_chances import SecondChances
 from ins_robot.navigation.strategies import Candidate, Situation, make_strategy
 from ins_robot.navigation.terrain import BodyRules
 from ins_robot.navigation.trips import trip, way_m
@@ -48,24 +47,8 @@ from ins_robot.navigation.way_home import WayHome
 
 __all__ = ["Drive", "Explorer", "Finished", "LeftGap"]
 
-IN_VAIN_SHARE = 0.5  # a scan that leaves more of what it was to show unseen was in vain
-BLIND_SCANS = 4  # so many next to without readings in a row: covered, or lost in a huge hall
-BLIND_BESIDE_WALLS = 2  # and where the map has a wall within the trusted range: covered
 FENCE_MARGIN_M = 0.03  # off forbidden lines: corners of cells, and what the guard keeps
 MOVED_M = 0.02  # a node corrected by more: the map is looked at again everywhere
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Aim:
-    """What the last drive is for; no gap: a trip."""
-
-    drive: Drive
-    node: Node
-    gap: Gap | None
-    targets_m: FloatArray
-    is_retraced: bool = False  # over the nodes of the way back
-    is_place: bool = False  # chosen for what it promises, not for a gap
-    heeds_looks: bool = False  # by a strategy that counts tries itself
 
 
 class Explorer:
@@ -89,7 +72,7 @@ class Explorer:
         self._strategy = make_strategy(config.strategy)
         guard: Guard = SeenGuard() if config.visibility_guard else NoGuard()
         self._barren = BarrenEdges()
-        self._vain = BarrenEdges()  # what places were chosen for in vain
+        self._vain = BarrenEdges()
         self._ledger = GapLedger(self.graph, guard, self._barren, self.bounds, lrf.range_max_m)
         self._places = ScanPlaces(
             self.graph,
@@ -99,12 +82,10 @@ class Explorer:
             must_gain=config.visibility_guard,
         )
         self._ways = DrivenWays(self.graph)
-        self._aim: _Aim | None = None
-        self._scanned_aim: _Aim | None = None
+        self._pursuit = Pursuit(self.graph, self._places, self._ways, self._barren, self._vain)
         self._has_new_node = False
-        self._blind_scans = 0
+        self.blindness = Blindness(lrf.range_trusted_m)
         self._aimed: list[AimGap] = []  # by a strategy that chooses places, in order
-        self._chances = SecondChances(self.graph, self._barren, self._vain)
         self._progress = Progress()
         self._errand: Errand | None = None
         self._home = WayHome(self.graph, self.bounds, is_wanted=config.return_home)
@@ -137,23 +118,11 @@ class Explorer:
             gaps=find_gaps(scan, self._base_from_lrf, sector, self._rules),
             came_from=len(self.graph) - 1 if self.graph.nodes else None,
         )
-        if self._aim is not None:
-            self._arrive(node, self._aim)
+        self._pursuit.arrived(node)
+        self._errand = None
         self.graph.add(node)
-        self._scanned_aim, self._aim = self._aim, None
         self._has_new_node = True
-        self._blind_scans += 1
-        self.glimpse(scan)
-
-    def glimpse(self, scan: LaserScan) -> None:
-        """A look, on the way too: whoever sees is not blind."""
-        if np.count_nonzero(scan.is_valid) >= READINGS_MIN:
-            self._blind_scans = 0
-
-    @property
-    def is_blind(self) -> bool:
-        """The last scans had hardly a reading; the LRF may be covered."""
-        return self._blind_scans >= BLIND_BESIDE_WALLS
+        self.blindness.scanned(scan)
 
     def relocate(self, poses: FloatArray) -> None:
         """SLAM moved the nodes: poses (K, 3) of all K of them, in order of observation."""
@@ -172,7 +141,7 @@ class Explorer:
         if not self.graph.nodes:
             raise StateError("explorer: decide() before the first scan; call observe() first")
         scene = self._stand_and_look(pose, grid)
-        if self._is_blind(scene):
+        if self.blindness.is_sure(pose, grid):
             return self._stay(scene)
         if self._errand is not None:
             path = self._errand.path(scene)
@@ -192,8 +161,8 @@ class Explorer:
             When no known way leads there; nothing has changed then.
         """
         scene = self._look_around(pose, grid)
-        if self._is_blind(scene):
-            raise StateError(f"goto: {self._why_blind()} nothing is driven to blindly")
+        if self.blindness.is_sure(pose, grid):
+            raise StateError(f"goto: {self.blindness.why} nothing is driven to blindly")
         home = self.graph.nodes[0].pose
         errand = Errand(place_m, home)
         path = errand.path(scene)
@@ -206,7 +175,7 @@ class Explorer:
     def end(self, why: str, pose: Pose2, grid: OccupancyGrid) -> Drive | Finished:
         """Explore no more; home, if that is wanted, else finished: `why`."""
         scene = self._stand_and_look(pose, grid)
-        if self._is_blind(scene):
+        if self.blindness.is_sure(pose, grid):
             return self._stay(scene)
         self._errand = None
         self._home.is_final = True
@@ -217,10 +186,7 @@ class Explorer:
         self.bounds.zones = zones
 
     def _stand_and_look(self, pose: Pose2, grid: OccupancyGrid) -> Scene:
-        if self._aim is not None:  # a way left before its end, because of what came into sight
-            self._ways.gave_up(self._aim.drive.path.points_m)
-        self._ways.stands_at(pose)
-        self._chances.stands_at(pose)
+        self._pursuit.stands_at(pose)
         return self._look_around(pose, grid)
 
     def _explore_on(self, scene: Scene) -> Drive | Finished:
@@ -231,9 +197,8 @@ class Explorer:
         if self._progress.is_stalled(
             float(np.count_nonzero(~scene.grid.is_unknown)) * scene.grid.resolution_m**2
         ):
-            self._refuse(self._aim or self._scanned_aim, "nothing new came of it")
-            self._chances.stands_at(scene.pose)
-        self._learn_from_last_scan(scene)
+            self._pursuit.stalled(scene.pose)
+        self._pursuit.learn_from_last_scan(scene)
         self._identify_neighbours(scene)
         costs_m = self.graph.costs_from(len(self.graph) - 1)
         while True:
@@ -244,11 +209,11 @@ class Explorer:
                     drive = self._drive_to(scene, *choice)
                 if drive is not None:
                     return drive
-            if not self._chances.reopen(scene.pose):
+            if not self._pursuit.reopen(scene.pose):
                 break
             scene.known_outlook = None
             self._ledger.update(scene)
-        back = self._chances.step_back(scene.terrain)
+        back = self._pursuit.step_back(scene.terrain)
         path = None if back is None else trip(scene, back.position_m, None)
         if path is not None:
             return self._set_out(scene, path, "for another look at what was given up")
@@ -259,20 +224,11 @@ class Explorer:
             return f"max_scans = {self._config.max_scans} reached"
         return None
 
-    def _is_blind(self, scene: Scene) -> bool:
-        if not self.is_blind:
-            return False
-        wall_m, _ = scene.grid.walls().query((scene.pose.x_m, scene.pose.y_m))
-        return self._blind_scans >= BLIND_SCANS or wall_m <= self._rules.range_trusted_m
-
     def _stay(self, scene: Scene) -> Finished:
         """The end right here: nothing would be seen on the way home."""
-        why = f"{self._why_blind()} no way home is driven blindly"
+        why = f"{self.blindness.why} no way home is driven blindly"
         self._ledger.conclude(scene)
         return finished(scene, self.graph, self.bounds, Ending(why, False), why)
-
-    def _why_blind(self) -> str:
-        return f"{self._blind_scans} scans in a row without a reading: is the LRF covered?"
 
     def _end(self, scene: Scene, ending: Ending) -> Drive | Finished:
         """The way home before the end."""
@@ -290,7 +246,9 @@ class Explorer:
         node = self.graph.nodes[-1]
         reason = f"{why}: {path.length_m:.1f} m to drive"
         drive = self._drive(scene, path, node, NO_GAP, reason)
-        self._aim = _Aim(drive=drive, node=node, gap=None, targets_m=np.zeros((0, 2)))
+        self._pursuit.set_out(
+            Target(drive=drive, node=node, gap=None, targets_m=np.zeros((0, 2)))
+        )
         return drive
 
     def _drive(
@@ -304,35 +262,12 @@ class Explorer:
 
         At the end it gets another chance, from another place.
         """
-        aim, self._aim = self._aim, None
-        if aim is None or aim.drive is not decision:
-            raise StateError("explorer: report_failure() of what is not the last decision")
-        self._ways.gave_up(decision.path.points_m)
+        self._pursuit.failed(decision, why)
         self._errand = None
-        self._refuse(aim, why)
-
-    def _refuse(self, aim: _Aim | None, why: str) -> None:
-        """What a drive was for waits, and after two of these is given up."""
-        if aim is None or aim.gap is None:
-            return
-        self._places.refuse(aim.drive.path.points_m[-1])
-        (self._vain if aim.is_place else self._barren).strike(aim.targets_m)
-        self._chances.refused(aim.node, aim.gap, aim.targets_m)
-        aim.gap.failures += 1
-        aim.gap.is_deferred = True
-        if aim.gap.failures >= FAILURES_MAX:
-            aim.gap.set(GapState.UNREACHABLE, f"given up after {aim.gap.failures} tries: {why}")
 
     def as_json(self) -> dict[str, Any]:
         """`nodes` with their `gaps`, for graph.json."""
         return self.graph.as_json()
-
-    def _arrive(self, node: Node, aim: _Aim) -> None:
-        """The drive has ended in a new node, and its gap has been looked into."""
-        self._ways.arrived(node, aim.drive.path.points_m, aim.node if aim.is_retraced else None)
-        self._errand = None
-        if aim.gap is not None and aim.gap.is_open:
-            aim.gap.set(GapState.EXPLORED, f"scanned at its place: node {node.id}")
 
     def _look_around(self, pose: Pose2, grid: OccupancyGrid) -> Scene:
         start = self.graph.nodes[0].pose
@@ -346,17 +281,6 @@ class Explorer:
             barren=self._barren,
             driven_m=self._ways.places_m(),
         )
-
-    def _learn_from_last_scan(self, scene: Scene) -> None:
-        """What a scan was to show and did not counts as tried: nothing is scanned for ever."""
-        aim, self._scanned_aim = self._scanned_aim, None
-        if aim is None or aim.gap is None or aim.heeds_looks:
-            return
-        cells = scene.grid.cells(aim.targets_m)
-        still = ~scene.grid.contains(cells)
-        still[~still] = scene.unseen.is_unseen[cells[~still, 0], cells[~still, 1]]
-        if still.mean() > IN_VAIN_SHARE:
-            (self._vain if aim.is_place else self._barren).strike(aim.targets_m[still])
 
     def _identify_neighbours(self, scene: Scene) -> None:
         """Rules A, B and C between the newest node and all others, once a node."""
@@ -403,13 +327,15 @@ class Explorer:
         path = plan(scene.terrain, scene.pose, aim.cell, found.heading_rad)
         reason = f"{self._strategy.name}: {aim.why}, {path.length_m:.1f} m to drive"
         drive = self._drive(scene, path, found.node, found.gap.id, reason)
-        self._aim = _Aim(
-            drive=drive,
-            node=found.node,
-            gap=found.gap,
-            targets_m=found.targets_m,
-            is_place=True,
-            heeds_looks=aim.heeds_looks,
+        self._pursuit.set_out(
+            Target(
+                drive=drive,
+                node=found.node,
+                gap=found.gap,
+                targets_m=found.targets_m,
+                is_place=True,
+                heeds_looks=aim.heeds_looks,
+            )
         )
         return drive
 
@@ -426,7 +352,7 @@ class Explorer:
         )
         targets = scene.targets[node.index, gap.id]
         drive = self._drive(scene, path, node, gap.id, reason)
-        self._aim = _Aim(
-            drive=drive, node=node, gap=gap, targets_m=targets, is_retraced=len(via) > 1
+        self._pursuit.set_out(
+            Target(drive=drive, node=node, gap=gap, targets_m=targets, is_retraced=len(via) > 1)
         )
         return drive

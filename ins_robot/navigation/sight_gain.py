@@ -8,11 +8,9 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from ins_robot.geometry.angles import FloatArray
 from ins_robot.navigation.outlook import Cell, IndexArray, Outlook
 
 RAYS = 180
-COARSE_RAYS = 120
 
 
 def unseen_in_view(outlook: Outlook, place: Cell) -> int:
@@ -22,22 +20,6 @@ def unseen_in_view(outlook: Outlook, place: Cell) -> int:
     )
     seen = flat[is_open]
     return len(np.unique(seen[outlook.is_unseen.take(seen)]))
-
-
-def expected_gains_m2(
-    outlook: Outlook, places: IndexArray, free_way_m: float, range_m: float
-) -> FloatArray:
-    """(N,) area a scan from places (N, 2) is expected to show.
-
-    A ray that has gone d through unseen ground goes on with probability exp(-d / free_way_m).
-    """
-    reach = round(range_m / outlook.resolution_m)
-    flat, is_open = _open_samples(outlook, places, COARSE_RAYS, reach)
-    is_new = outlook.is_unseen.take(flat) & is_open
-    depth = np.cumsum(is_new, axis=2) * outlook.resolution_m
-    area = (2.0 * np.pi / COARSE_RAYS) * (1.0 + np.arange(reach)) * outlook.resolution_m**2
-    chance = np.where(is_new, np.exp(-depth / free_way_m), 0.0)
-    return np.asarray((chance @ area).sum(axis=1))
 
 
 def _open_samples(

@@ -32,7 +32,7 @@ def test_nothing_is_driven_to_blindly(readings):
         explorer.observe(number, float(number), Pose2(), scan, (0.0, math.pi))
     with pytest.raises(StateError, match="LRF covered"):
         explorer.send_to(np.array([2.2, 1.0]), Pose2(), story.grid)
-    explorer.glimpse(story.robot.scan(math.pi))  # uncovered
+    explorer.blindness.glimpsed(story.robot.scan(math.pi))  # uncovered
     assert explorer.send_to(np.array([2.2, 1.0]), Pose2(), story.grid)
 
 

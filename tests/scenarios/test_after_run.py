@@ -69,7 +69,7 @@ def test_goto_after_a_run_is_free_of_its_pause_and_has_an_lrf_that_turns(
         mission = await at.until("driving")
         await at.commands.pause()
         await at.commands.stop()
-        mission.core.survey.explorer._blind_scans = 4  # as after a cover that is gone by now
+        mission.core.survey.explorer.blindness.scans = 4  # as after a cover that is gone by now
         await at.commands.goto(0.6, 0.4)
         await at.robot.finished.wait()
         assert at.robot.last_goto == "arrived at 0.6 0.4"
@@ -96,7 +96,7 @@ def test_the_look_before_a_goto_after_a_run_has_the_lrf_for_itself(
         await at.commands.start("short")
         mission = await at.until("driving")
         await at.commands.stop()
-        mission.core.survey.explorer._blind_scans = 4  # it must look before it goes
+        mission.core.survey.explorer.blindness.scans = 4  # it must look before it goes
         async with asyncio.TaskGroup() as group:
             going = group.create_task(at.commands.goto(0.6, 0.4))
             await is_looking.wait()

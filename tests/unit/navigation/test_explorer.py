@@ -23,8 +23,9 @@ from ins_robot.config import Config, ExplorationConfig, LrfConfig, RobotConfig
 from ins_robot.errors import StateError
 from ins_robot.geometry.pose2 import Pose2
 from ins_robot.navigation.auto import Auto
+from ins_robot.navigation.blindness import SCANS_MAX
 from ins_robot.navigation.decisions import NO_GAP
-from ins_robot.navigation.explorer import BLIND_SCANS, Drive, Explorer, Finished
+from ins_robot.navigation.explorer import Drive, Explorer, Finished
 from ins_robot.navigation.gaps import GapState
 from ins_robot.navigation.guard import SeenGuard
 from ins_robot.navigation.scan_place import ScanPlaces
@@ -244,7 +245,7 @@ def test_a_run_that_ends_early_says_what_it_has_seen_by_then(ends):
     config = configured(strategy="auto", max_scans=5 if ends == "by a limit" else 99)
     for run in bench.explore(ROOMS, Pose2(*START, 0.0), config):
         if ends == "blindly" and run.scans == 5:
-            run.explorer._blind_scans = BLIND_SCANS
+            run.explorer.blindness.scans = SCANS_MAX
             final = run.explorer.decide(run.robot.pose, run.grid)
             break
         final = run.decision
