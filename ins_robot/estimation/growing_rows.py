@@ -33,6 +33,10 @@ class GrowingRows:
         """(N, ...) view of the rows; may be written to, is stale once rows were added."""
         return self._array[: self._count]
 
+    def cut(self, count: int) -> None:
+        """Keep the first `count` rows only."""
+        self._count = min(self._count, count)
+
     def add(self, row: Any) -> None:
         """Append one row."""
         self.extend(np.asarray(row)[None])

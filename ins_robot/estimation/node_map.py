@@ -92,8 +92,11 @@ class NodeMap:
 
     def link_match(
         self, node: int, pose: FloatArray, match: Alignment, is_closure: bool = False
-    ) -> None:
-        """Edges from the nodes whose surfels the scan lay on, each with its own information."""
+    ) -> int:
+        """Edges from the nodes whose surfels the scan lay on, each with its own information.
+
+        Returns how many.
+        """
         by_weight = sorted(
             (
                 (float(np.trace(h[:2, :2])), k, h)
@@ -108,6 +111,7 @@ class NodeMap:
             self.graph.add_edge(
                 source, node, between(at_source, pose), turn @ information @ turn.T, is_closure
             )
+        return min(len(by_weight), EDGES_PER_NODE)
 
     def near(self, position: FloatArray, radius_m: float) -> BoolArray:
         """(K,) bool: nodes within that distance of (x, y)."""

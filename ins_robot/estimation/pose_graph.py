@@ -8,13 +8,25 @@ disagrees only what that moves is touched (`relaxation.py`).
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
 from ins_robot.estimation.growing_rows import GrowingRows
 from ins_robot.estimation.relaxation import Constraints, State, relax
-from ins_robot.geometry.angles import FloatArray
+from ins_robot.geometry.angles import FloatArray, wrap_rad
+from ins_robot.geometry.pose2 import between
 from ins_robot.mapping.occupancy_grid import BoolArray, IntArray
+
+
+@dataclass(frozen=True, slots=True)
+class Checkpoint:
+    """A graph as it was: its state, and how many edges and sights it had."""
+
+    state: State
+    edges: int
+    sights: int
+    relaxed: tuple[int, int, int]
 
 
 class PoseGraph:
@@ -31,7 +43,7 @@ class PoseGraph:
         self._turned_rad = GrowingRows(())
         self._sight_weights = GrowingRows(())
         self._strain = GrowingRows((3,))  # what pulls at nodes that were held
-        self._relaxed = [0, 0, 0]  # nodes, edges and sights that the poses agree with
+        self._relaxed = (0, 0, 0)  # nodes, edges and sights that the poses agree with
 
     def __len__(self) -> int:
         return len(self._poses)
@@ -122,8 +134,31 @@ class PoseGraph:
         state = relax(state, constraints, is_new)
         self.poses[:], self._directions_rad = state.poses, state.directions_rad
         self._strain.all[:] = state.strain
-        self._relaxed = [len(self), len(self._ends), len(self._sights)]
+        self._relaxed = len(self), len(self._ends), len(self._sights)
         return np.asarray(np.hypot(*(self.poses - before)[:, :2].T))
+
+    def checkpoint(self) -> Checkpoint:
+        """What `restore` goes back to."""
+        state = State(self.poses.copy(), self._directions_rad, self._strain.all.copy())
+        return Checkpoint(state, len(self._ends), len(self._sights), self._relaxed)
+
+    def restore(self, checkpoint: Checkpoint) -> None:
+        """Forget edges, sights and moves since then; no node may have been added."""
+        state = checkpoint.state
+        self.poses[:], self._directions_rad = state.poses, state.directions_rad
+        self._strain.all[:] = state.strain
+        for rows in (self._ends, self._measured, self._information, self._is_closure):
+            rows.cut(checkpoint.edges)
+        for rows in (self._sights, self._turned_rad, self._sight_weights):
+            rows.cut(checkpoint.sights)
+        self._relaxed = checkpoint.relaxed
+
+    def misfits(self, first: int, last: int) -> FloatArray:
+        """(E, 3) how far the poses are from what edges `first` to `last` measured."""
+        start, end = self.poses[self._ends.all[first:last].T]
+        error = np.asarray(between(start, end) - self._measured.all[first:last], np.float64)
+        error[:, 2] = wrap_rad(error[:, 2])
+        return error
 
 
 def heading_rotation(heading_rad: float) -> FloatArray:

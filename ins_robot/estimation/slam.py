@@ -16,7 +16,7 @@ import numpy as np
 
 from ins_robot.config import MapConfig, SlamConfig
 from ins_robot.estimation.estimators import make_estimator
-from ins_robot.estimation.loop_closing import LoopCloser
+from ins_robot.estimation.loop_closing import LoopCloser, accepted
 from ins_robot.estimation.motion_model import chain, turned
 from ins_robot.estimation.node_map import MATCH_RADIUS_M, SURFEL_SPACING_M, Node, NodeMap, way_m
 from ins_robot.estimation.placement import INLIERS_MIN, place
@@ -230,20 +230,19 @@ class Slam:
         is_turned = self._config.wall_directions and self._directions.see(
             self._nodes.graph, node, thinned, self._travelled_m
         )
-        is_closed = self._close_loops(node, thinned)
-        if not (is_turned or is_closed):
-            return
         before = self._nodes.graph.poses[node].copy()
-        self._nodes.graph.relax()
-        self._estimator.carry(compose(self._nodes.graph.poses[node], inverse(before)))
-        self._wheel_scale.interrupt()
+        is_closed = self._close_loops(node, thinned)
+        if is_turned and not is_closed:
+            self._nodes.graph.relax()
+        if is_turned or is_closed:
+            self._estimator.carry(compose(self._nodes.graph.poses[node], inverse(before)))
+            self._wheel_scale.interrupt()
 
     def _close_loops(self, node: int, surfels: Surfels) -> bool:
-        """Whether a loop was closed that the graph has not settled yet."""
+        """Whether a loop was closed, and the graph relaxed."""
         self._linked = self._nodes.linked(self._linked, self._nodes.graph.poses[node])
         closures = self._closer.look(self._nodes, node, self._linked, surfels)
-        for closure in closures:
-            self._nodes.link_match(closure.node, closure.pose, closure.match, is_closure=True)
+        closures = accepted(closures, self._nodes)
         if all(closure.is_settled for closure in closures):
             return False
         self.loop_closures += 1

@@ -1,0 +1,126 @@
+# SPDX-License-Identifier: MIT
+"""Closing loops: what the rest of the graph contradicts is dropped, and nothing stays of it."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from ins_robot.estimation.loop_closing import Closure, accepted
+from ins_robot.estimation.node_map import NodeMap
+from ins_robot.estimation.scan_matching import Alignment
+from ins_robot.geometry.angles import wrap_rad
+from ins_robot.geometry.pose2 import between, compose, inverse
+from ins_robot.mapping.surfels import Surfels
+from ins_robot.messages import LaserScan
+
+NODES = 40
+RADIUS_M = 5.0
+FIRM = np.diag([1e4, 1e4, 1e5])
+SCAN = LaserScan(
+    stamp_s=0.0,
+    bearings_rad=np.zeros(0),
+    ranges_m=np.zeros(0),
+    range_std_m=np.zeros(0),
+    beam_offsets_s=np.zeros(0),
+    range_max_m=6.0,
+    rpm=math.nan,
+    valid_counts=np.zeros(0, np.int64),
+    is_free_when_silent=False,
+)
+NOTHING = Surfels(
+    points_m=np.zeros((0, 2)),
+    normals=np.zeros((0, 2)),
+    is_flat=np.zeros(0, bool),
+    std_m=np.zeros(0),
+    tilt_std_rad=np.zeros(0),
+    is_lone=np.zeros(0, bool),
+    sources=np.zeros(0, np.int64),
+)
+
+
+def ring(
+    drift_m: float = 0.0, is_closed: bool = True, step_std_m: float = 0.01
+) -> tuple[NodeMap, np.ndarray]:
+    """A drive around a ring whose estimate drifted, and the true poses (K, 3)."""
+    known = np.diag([1.0, 1.0, 10.0]) / step_std_m**2
+    angles = np.arange(NODES) * (2.0 * math.pi / NODES)
+    true = np.stack(
+        [RADIUS_M * np.sin(angles), RADIUS_M * (1.0 - np.cos(angles)), wrap_rad(angles)],
+        axis=-1,
+    )
+    stray = np.linspace(0.0, 1.0, NODES)[:, None] * [drift_m, 0.0, 0.0]
+    nodes = NodeMap()
+    for pose in true + stray:
+        node = nodes.add(pose, SCAN, NOTHING, 0.0)
+        if node:
+            step = between(nodes.graph.poses[node - 1], pose)
+            nodes.graph.add_edge(node - 1, node, step, known)
+    if is_closed:
+        nodes.graph.add_edge(0, NODES - 1, between(true[0], true[-1]), known)
+    return nodes, true
+
+
+def closure(nodes: NodeMap, node: int, source: int, pose: np.ndarray) -> Closure:
+    """`node` recognised at `pose` (3,), map frame, by what `source` saw."""
+    match = Alignment(
+        pose=pose,
+        information=FIRM,
+        gradient=np.zeros(3),
+        inlier_share=0.9,
+        inliers=200,
+        cost=0.0,
+        is_inlier=np.ones(200, bool),
+        by_source={source: FIRM},
+    )
+    at = nodes.graph.poses[node]
+    return Closure(
+        node=node,
+        pose=pose,
+        match=match,
+        correction=compose(pose, inverse(at)),
+        moved_m=math.dist(pose[:2], at[:2]),
+        turned_rad=abs(float(pose[2] - at[2])),
+        rival_ratio=0.0,
+    )
+
+
+@pytest.mark.parametrize("drift_m", [0.05, 0.5, 2.0])
+def test_a_loop_that_drifted_as_its_edges_allow_is_closed(drift_m: float) -> None:
+    nodes, true = ring(drift_m, is_closed=False, step_std_m=drift_m / math.sqrt(NODES))
+    found = [closure(nodes, NODES - 1, 0, true[-1])]
+    assert accepted(found, nodes) == found
+    np.testing.assert_allclose(nodes.graph.poses[-1], true[-1], atol=0.05 * drift_m)
+
+
+@pytest.mark.parametrize("off", [(1.5, 0.0, 0.0), (0.0, 0.4, 0.0), (0.0, 0.0, 0.2)])
+def test_what_all_else_contradicts_is_dropped_and_leaves_no_trace(
+    off: tuple[float, float, float],
+) -> None:
+    """A corridor's other end: three nodes in a row agree about it, and all are wrong."""
+    nodes, true = ring()
+    before, edges = nodes.graph.poses.copy(), nodes.graph.edge_count
+    found = [closure(nodes, k, k - 17, true[k] + off) for k in (20, 21, 22)]
+    assert accepted(found, nodes) == []
+    np.testing.assert_array_equal(nodes.graph.poses, before)
+    assert nodes.graph.edge_count == edges
+    nodes.graph.relax()
+    np.testing.assert_allclose(nodes.graph.poses, before, atol=1e-9)
+
+
+def test_a_false_one_among_true_ones_goes_alone() -> None:
+    nodes, true = ring()
+    good = [closure(nodes, k, k - 17, true[k] + [0.03, 0.0, 0.0]) for k in (20, 22)]
+    bad = closure(nodes, 21, 4, true[21] + [0.6, 0.0, 0.0])
+    assert accepted([good[0], bad, good[1]], nodes) == good
+
+
+def test_what_is_settled_is_linked_and_moves_nothing() -> None:
+    nodes, true = ring()
+    before, edges = nodes.graph.poses.copy(), nodes.graph.edge_count
+    found = [closure(nodes, 20, 3, true[20] + [0.01, 0.0, 0.0])]
+    assert accepted(found, nodes) == found
+    assert nodes.graph.edge_count == edges + 1
+    np.testing.assert_array_equal(nodes.graph.poses, before)
