@@ -11,7 +11,6 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from ins_robot.config import Config
@@ -22,6 +21,8 @@ from ins_robot.simulation.optics import WorldOptics
 from ins_robot.simulation.robot_body import RobotBody
 from ins_robot.simulation.visibility import visible_cells
 from ins_robot.simulation.world import World
+
+NEAREST_FACES = 4  # by their middles; the nearest of all is among them
 
 
 def metrics(
@@ -75,19 +76,29 @@ def coverage(is_seen: NDArray[np.bool_], is_visible: NDArray[np.bool_]) -> float
 
 
 def wall_error_m(world: World, start: Pose2, grid: GridView) -> float:
-    """Mean distance from each occupied map cell to the nearest cell of a true wall's surface.
+    """Mean distance from each occupied map cell's centre to the nearest face of a true wall.
 
-    Centre to centre, so that a perfect map scores a fraction of a cell and not 0. Only wall
-    cells that touch a free cell are surface: a map cell deep inside a wall is an error too.
+    Faces, where walls end and free ground begins, are what an LRF measures. A map of wall
+    points without error scores a quarter of a cell, for their centres lie up to half a cell
+    off; a cell deep inside a wall is an error too.
     """
-    surface = world.is_occupied & ndimage.binary_dilation(
-        ~world.is_occupied, structure=np.ones((3, 3), dtype=bool)
-    )
-    true_points = world.metres(np.argwhere(surface) + 0.5)
     cells = np.argwhere(grid.is_occupied)[:, ::-1] + 0.5
-    map_points = cells * grid.resolution_m + np.asarray(grid.origin_m)
-    distance, _ = cKDTree(true_points).query(start.apply(map_points))
-    return float(distance.mean())
+    points = start.apply(cells * grid.resolution_m + np.asarray(grid.origin_m))
+    middles, half_m = _faces(world)
+    _, nearest = cKDTree(middles).query(points, k=min(NEAREST_FACES, len(middles)))
+    nearest = nearest.reshape(len(points), -1)
+    beyond = np.abs(points[:, None] - middles[nearest]) - half_m[nearest]
+    return float(np.hypot(*np.maximum(beyond, 0.0).transpose(2, 0, 1)).min(axis=1).mean())
+
+
+def _faces(world: World) -> tuple[FloatArray, FloatArray]:
+    """(F, 2) middles of the sides between a wall's and a free cell; (F, 2) half their size."""
+    walls, half_m = world.is_occupied, 0.5 * world.resolution_m
+    upright = np.argwhere(walls[:, 1:] != walls[:, :-1]) + np.array([0.5, 1.0])
+    level = np.argwhere(walls[1:] != walls[:-1]) + np.array([1.0, 0.5])
+    middles = world.metres(np.concatenate([upright, level]))
+    sizes = np.repeat([(0.0, half_m), (half_m, 0.0)], [len(upright), len(level)], axis=0)
+    return middles, sizes
 
 
 def pose_errors(estimated: FloatArray, true: FloatArray) -> tuple[FloatArray, FloatArray]:
