@@ -78,9 +78,9 @@ def coverage(is_seen: NDArray[np.bool_], is_visible: NDArray[np.bool_]) -> float
 def wall_error_m(world: World, start: Pose2, grid: GridView) -> float:
     """Mean distance from each occupied map cell's centre to the nearest face of a true wall.
 
-    Faces, where walls end and free ground begins, are what an LRF measures. A map of wall
-    points without error scores a quarter of a cell, for their centres lie up to half a cell
-    off; a cell deep inside a wall is an error too.
+    Faces, where walls end and free ground begins, are what an LRF measures; a cell deep inside
+    a wall is an error too. A perfect map scores up to half a cell, by how its grid lies to the
+    world's: half where they coincide, nothing where they are half a cell apart.
     """
     cells = np.argwhere(grid.is_occupied)[:, ::-1] + 0.5
     points = start.apply(cells * grid.resolution_m + np.asarray(grid.origin_m))
