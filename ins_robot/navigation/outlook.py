@@ -59,7 +59,7 @@ class Outlook:
         Cost per metre; inf where the robot must not be.
     cost_m : (H, W) float64
         Of the cheapest way from the robot; inf where there is none.
-    before : (H, W) int64
+    before : (H, W) int32
         Flat index of the cell before on that way; negative at its start.
     here : (row, col)
         The robot's cell.
@@ -81,7 +81,7 @@ class Outlook:
     is_opaque: BoolArray
     factor: FloatArray
     cost_m: FloatArray
-    before: IndexArray
+    before: NDArray[np.int32]
     here: Cell
     edges: tuple[IndexArray, ...]
     reach_cells: int

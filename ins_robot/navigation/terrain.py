@@ -89,7 +89,7 @@ class Terrain:
         Cost per metre; inf where the robot must not be.
     cost_m : (H, W) float64
         Of the cheapest way from the robot; inf where there is none.
-    before : (H, W) int64
+    before : (H, W) int32
         Flat index of the cell before, on that way; negative at the start and where none is.
     """
 
@@ -99,7 +99,7 @@ class Terrain:
     clearance_m: FloatArray
     factor: FloatArray
     cost_m: FloatArray
-    before: IndexArray
+    before: NDArray[np.int32]
     odd: OddCells
 
     def places_m(self, cells: IndexArray) -> tuple[FloatArray, BoolArray]:
@@ -204,8 +204,11 @@ def _ground_factors(
     """
     needed = body.radius_m + MARGIN_CELLS * grid.resolution_m
     preferred = max(needed, body.radius_m + body.clearance_m)
-    lack = np.clip((preferred + EASE_M - clearance) / EASE_M, 0.0, 1.0)
-    factor = 1.0 + EASE_WEIGHT * lack * lack
+    factor = preferred + EASE_M - clearance  # in place from here on: the map may be large
+    factor /= EASE_M
+    np.clip(factor, 0.0, 1.0, out=factor)
+    factor *= EASE_WEIGHT * factor
+    factor += 1.0
     factor[clearance < preferred] *= TIGHT_FACTOR
     is_unknown, is_free = grid.is_unknown, grid.is_free
     if takes_quiet:
