@@ -17,6 +17,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from ins_robot.config import Config
+from ins_robot.core.drift_meter import DriftMeter
 from ins_robot.core.odometry import Odometry
 from ins_robot.core.run_result import RunResult, RunState
 from ins_robot.core.survey import Decision, Sector, Survey, Timer
@@ -64,6 +65,7 @@ class ScanJob:
     scan: LaserScan
     motion: MotionIncrement
     odom_from_base: Pose2
+    way_m: float  # driven since the last scan
     sector: Sector | None  # None: on the way, no decision
     is_node: bool | None
 
@@ -90,6 +92,7 @@ class RunCore:
         self.odometry: MotionSource = Odometry(config.kalman, config.imu, config.wheels)
         self.survey = Survey(config, rng, timer_s)
         self.trajectory = TrajectoryRecorder()
+        self.drift = DriftMeter()
         self.map_from_odom = Pose2()
         self.path_length_m = 0.0
         self.scans = 0
@@ -193,10 +196,14 @@ class RunCore:
         Nobody need wait for it: a scan that is in the recording counts, as it will in replay.
         """
         decision: Decision | None = None
+        closures = self.survey.slam.loop_closures
         if job.sector is None:
             estimate = self.survey.scan_on_the_way(job.scan, job.motion)
         else:
             estimate, decision = self.survey.scan_at_node(job.scan, job.motion, job.sector)
+        if self.survey.slam.loop_closures == closures:  # else the map moved, not the odometry
+            expected = self.map_from_odom @ job.odom_from_base
+            self.drift.corrected(expected.distance_m(estimate.pose), job.way_m)
         self.map_from_odom = estimate.pose @ job.odom_from_base.inverse()
         return ScanOutcome(job=job, estimate=estimate, decision=decision)
 
@@ -297,12 +304,14 @@ class RunCore:
         since_s = stamp_s if self._located_at_s is None else self._located_at_s
         motion = self.odometry.increment(since_s, stamp_s)
         odom_from_base = Pose2.from_array(self.odometry.poses_at(np.array([stamp_s]))[0])
+        way_m = self.last_look_m()
         self._located_at_s, self._looked_at_m = stamp_s, self._way_m
         self._odom_at_scans[stamp_s] = odom_from_base
         return ScanJob(
             scan=scan,
             motion=motion,
             odom_from_base=odom_from_base,
+            way_m=way_m,
             sector=sector,
             is_node=is_node,
         )

@@ -33,7 +33,8 @@ BATTERY_SHARE = 0.002  # of each telemetry frame: a drop of load must last for 1
 WATCH_PERIOD_S = 0.2  # how often a drive looks at its pose uncertainty
 ROOMY_M = 0.4  # with this much clearance `lrf.look_every_m` is taken as it is
 CRAMPED_SHARE = 0.15  # and no less than this share of it among obstacles
-DRIFT = 0.04  # of the way since the last look the pose may be off, with slipping wheels
+DRIFT = 0.04  # of the way since the last look the pose may be off, with slipping wheels,
+DRIFT_STDS = 2.7  # or so many times what it was off by on this floor
 TIGHT_M = 0.008  # what counts as clearance in the tightest place
 MOTORS_GONE_S = 10.0  # without telemetry for so long a drive has ended, badly
 RUN_ENDED = "goto: the run has ended; ask again"
@@ -61,7 +62,7 @@ class Mission(RunUnderWay):
         self._is_going_home = False
         self._ready = asyncio.Event()
         self._is_surveying = False
-        self._stands_to_look = False
+        self._is_looking = self._stands_to_look = False
         self._last_tick_s: float | None = None
         self._ticked_at_s = self._clock()
 
@@ -221,16 +222,23 @@ class Mission(RunUnderWay):
     def _may_touch(self) -> bool:
         """The pose may have drifted by as much as there is clearance."""
         clearance_m = self._pilot.clearance_m(self.core.pose)
-        return self.core.last_look_m() * DRIFT > max(clearance_m, TIGHT_M)
+        drift = max(DRIFT, DRIFT_STDS * self.core.drift.per_m)
+        return self.core.last_look_m() * drift > max(clearance_m, TIGHT_M)
 
     async def _sweep_on_the_way(self) -> None:
-        """A sweep while driving; standing where to go on blindly may end at a wall."""
-        self._stands_to_look = self._may_touch()
-        self._hold()
+        """A sweep while driving; standing from where to go on blindly may end at a wall."""
+        self._is_looking = True
+        self._mind_the_wall()
         try:
             await self._sweep()
         finally:
-            self._stands_to_look = False
+            self._is_looking = self._stands_to_look = False
+            self._hold()
+
+    def _mind_the_wall(self) -> None:
+        """Until the sweep has told, stop where the robot may touch."""
+        if self._is_looking and not self._stands_to_look:
+            self._stands_to_look = self._may_touch()
             self._hold()
 
     def _hold(self) -> None:
@@ -276,6 +284,7 @@ class Mission(RunUnderWay):
         last_s, self._last_tick_s = self._last_tick_s, sample.stamp_s
         self._ticked_at_s = self._clock()
         self._weigh_battery(sample.battery_v)
+        self._mind_the_wall()
         dt_s = 0.0 if last_s is None else min(0.1, max(0.0, sample.stamp_s - last_s))
         return self._pilot.tick(self.core.pose, dt_s)
 

@@ -18,7 +18,7 @@ class Sweeping(Mission):
         self._pilot = SimpleNamespace(is_held=False)
         self._go = asyncio.Event()
         self._go.set()
-        self._stands_to_look = False
+        self._is_looking = self._stands_to_look = False
         self._may_touch = lambda: may_touch
         self._meanwhile = meanwhile
         self.held = []
@@ -46,6 +46,15 @@ def held(may_touch, meanwhile):
 @pytest.mark.parametrize("may_touch", [False, True])
 def test_a_robot_that_may_touch_stands_until_it_has_looked(may_touch):
     assert held(may_touch, lambda mission: None) == [may_touch, False]
+
+
+def test_a_robot_that_comes_near_while_it_looks_stops_there():
+    def drives_on(mission):
+        assert not mission._pilot.is_held
+        mission._may_touch = lambda: True
+        mission._mind_the_wall()  # as with every telemetry frame
+
+    assert held(False, drives_on) == [True, False]
 
 
 @pytest.mark.parametrize("may_touch", [False, True])
