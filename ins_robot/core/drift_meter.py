@@ -1,30 +1,41 @@
 # SPDX-License-Identifier: MIT
-"""What the odometry is worth on this floor: corrections by scans in, drift per metre out."""
+"""What the odometry is worth on this floor: ways and corrections by scans in, drift out."""
 
 from __future__ import annotations
 
 import math
+from collections import deque
 
 WAY_MIN_M = 0.3  # after less the scan's own error is what shows
 LOOKS_MIN = 8
+LOOKS_MAX = 60  # the last so many: floors change, and a push by hand is forgotten
 
 
 class DriftMeter:
-    """Root mean square of how far the pose was off, for the way driven since the last scan."""
+    """Root mean square of how far the pose was off, over the ways since scans located it."""
 
     def __init__(self) -> None:
-        self._looks = 0
-        self._off2_m2 = self._way2_m2 = 0.0
+        self._way_m = 0.0
+        self._looks: deque[tuple[float, float]] = deque(maxlen=LOOKS_MAX)  # off, way; squared
 
-    def corrected(self, off_m: float, way_m: float) -> None:
-        """A scan moved the pose by `off_m`, `way_m` after the last one."""
-        if way_m < WAY_MIN_M:
-            return
-        self._looks += 1
-        self._off2_m2 += off_m**2
-        self._way2_m2 += way_m**2
+    def drove(self, way_m: float) -> None:
+        """So far since the last scan."""
+        self._way_m += way_m
+
+    def located(self, off_m: float) -> None:
+        """The scan moved the pose by that much."""
+        if self._way_m >= WAY_MIN_M:
+            self._looks.append((off_m**2, self._way_m**2))
+        self._way_m = 0.0
+
+    def interrupted(self) -> None:
+        """The map moved: what the pose did says nothing about the way."""
+        self._way_m = 0.0
 
     @property
     def per_m(self) -> float:
         """Metres per metre; 0 while too little has been driven to tell."""
-        return math.sqrt(self._off2_m2 / self._way2_m2) if self._looks >= LOOKS_MIN else 0.0
+        if len(self._looks) < LOOKS_MIN:
+            return 0.0
+        off2_m2, way2_m2 = map(sum, zip(*tuple(self._looks), strict=True))
+        return math.sqrt(off2_m2 / way2_m2)

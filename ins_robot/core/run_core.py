@@ -65,7 +65,8 @@ class ScanJob:
     scan: LaserScan
     motion: MotionIncrement
     odom_from_base: Pose2
-    way_m: float  # driven since the last scan
+    at_m: float  # of the way driven
+    way_m: float  # of it, since the last scan
     sector: Sector | None  # None: on the way, no decision
     is_node: bool | None
 
@@ -108,7 +109,7 @@ class RunCore:
         self._now_s = 0.0
         self._last_odom = Pose2()
         self._way_m = 0.0  # driven, after the run too
-        self._looked_at_m = 0.0  # of that way
+        self._looked_at_m = self._told_at_m = 0.0  # of that way: prepared, and computed
 
     @property
     def pose(self) -> Pose2:
@@ -131,8 +132,8 @@ class RunCore:
         return min((here.distance_m(place) for place in places), default=math.inf)
 
     def last_look_m(self) -> float:
-        """Distance driven since the last scan."""
-        return self._way_m - self._looked_at_m
+        """Distance driven since the last scan whose outcome steers the robot."""
+        return self._way_m - self._told_at_m
 
     @property
     def next_sector(self) -> Sector:
@@ -196,14 +197,18 @@ class RunCore:
         Nobody need wait for it: a scan that is in the recording counts, as it will in replay.
         """
         decision: Decision | None = None
-        closures = self.survey.slam.loop_closures
+        slam = self.survey.slam
+        map_moves, expected = slam.map_moves, self.map_from_odom @ job.odom_from_base
         if job.sector is None:
             estimate = self.survey.scan_on_the_way(job.scan, job.motion)
         else:
             estimate, decision = self.survey.scan_at_node(job.scan, job.motion, job.sector)
-        if self.survey.slam.loop_closures == closures:  # else the map moved, not the odometry
-            expected = self.map_from_odom @ job.odom_from_base
-            self.drift.corrected(expected.distance_m(estimate.pose), job.way_m)
+        self.drift.drove(job.way_m)
+        if slam.map_moves != map_moves:
+            self.drift.interrupted()
+        elif slam.is_located:
+            self.drift.located(expected.distance_m(estimate.pose))
+        self._told_at_m = job.at_m
         self.map_from_odom = estimate.pose @ job.odom_from_base.inverse()
         return ScanOutcome(job=job, estimate=estimate, decision=decision)
 
@@ -304,13 +309,14 @@ class RunCore:
         since_s = stamp_s if self._located_at_s is None else self._located_at_s
         motion = self.odometry.increment(since_s, stamp_s)
         odom_from_base = Pose2.from_array(self.odometry.poses_at(np.array([stamp_s]))[0])
-        way_m = self.last_look_m()
+        way_m = self._way_m - self._looked_at_m
         self._located_at_s, self._looked_at_m = stamp_s, self._way_m
         self._odom_at_scans[stamp_s] = odom_from_base
         return ScanJob(
             scan=scan,
             motion=motion,
             odom_from_base=odom_from_base,
+            at_m=self._way_m,
             way_m=way_m,
             sector=sector,
             is_node=is_node,

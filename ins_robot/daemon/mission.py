@@ -34,7 +34,8 @@ WATCH_PERIOD_S = 0.2  # how often a drive looks at its pose uncertainty
 ROOMY_M = 0.4  # with this much clearance `lrf.look_every_m` is taken as it is
 CRAMPED_SHARE = 0.15  # and no less than this share of it among obstacles
 DRIFT = 0.04  # of the way since the last look the pose may be off, with slipping wheels,
-DRIFT_STDS = 2.7  # or so many times what it was off by on this floor
+DRIFT_STDS = 2.7  # or so many times what it was off by on this floor ...
+DRIFT_MAX = 0.15  # ... up to this: a robot that is pushed about need not creep
 TIGHT_M = 0.008  # what counts as clearance in the tightest place
 MOTORS_GONE_S = 10.0  # without telemetry for so long a drive has ended, badly
 RUN_ENDED = "goto: the run has ended; ask again"
@@ -222,7 +223,7 @@ class Mission(RunUnderWay):
     def _may_touch(self) -> bool:
         """The pose may have drifted by as much as there is clearance."""
         clearance_m = self._pilot.clearance_m(self.core.pose)
-        drift = max(DRIFT, DRIFT_STDS * self.core.drift.per_m)
+        drift = min(max(DRIFT, DRIFT_STDS * self.core.drift.per_m), DRIFT_MAX)
         return self.core.last_look_m() * drift > max(clearance_m, TIGHT_M)
 
     async def _sweep_on_the_way(self) -> None:

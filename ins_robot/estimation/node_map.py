@@ -92,11 +92,8 @@ class NodeMap:
 
     def link_match(
         self, node: int, pose: FloatArray, match: Alignment, is_closure: bool = False
-    ) -> int:
-        """Edges from the nodes whose surfels the scan lay on, each with its own information.
-
-        Returns how many.
-        """
+    ) -> None:
+        """Edges from the nodes whose surfels the scan lay on, each with its own information."""
         by_weight = sorted(
             (
                 (float(np.trace(h[:2, :2])), k, h)
@@ -111,7 +108,6 @@ class NodeMap:
             self.graph.add_edge(
                 source, node, between(at_source, pose), turn @ information @ turn.T, is_closure
             )
-        return min(len(by_weight), EDGES_PER_NODE)
 
     def near(self, position: FloatArray, radius_m: float) -> BoolArray:
         """(K,) bool: nodes within that distance of (x, y)."""

@@ -111,8 +111,11 @@ class PoseGraph:
             rest = np.flatnonzero(~(from_start | from_end))
             start, end = start.take(rest), end.take(rest)
 
-    def relax(self) -> FloatArray:
-        """Move the nodes to where all agrees best; (K,) metres that each went."""
+    def relax(self, firm_from: int | None = None) -> FloatArray:
+        """Move the nodes to where all agrees best; (K,) metres that each went.
+
+        Closures fade where all the rest disagrees, but not edges from `firm_from` on.
+        """
         before = self.poses.copy()
         nodes, edges, sights = self._relaxed
         is_new = np.arange(len(self)) >= nodes
@@ -123,7 +126,7 @@ class PoseGraph:
             ends=self._ends.all,
             measured=self._measured.all,
             information=self._information.all,
-            is_closure=self._is_closure.all,
+            fades=self._fading(self.edge_count if firm_from is None else firm_from),
             is_new=np.arange(self.edge_count) >= edges,
             seen=self._sights.all,
             turned_rad=self._turned_rad.all,
@@ -153,12 +156,19 @@ class PoseGraph:
             rows.cut(checkpoint.sights)
         self._relaxed = checkpoint.relaxed
 
-    def misfits(self, first: int, last: int) -> FloatArray:
-        """(E, 3) how far the poses are from what edges `first` to `last` measured."""
-        start, end = self.poses[self._ends.all[first:last].T]
-        error = np.asarray(between(start, end) - self._measured.all[first:last], np.float64)
+    def cost(self, firm_from: int) -> float:
+        """Chi-squared of all edges that do not fade, as in `relax`."""
+        firm = np.flatnonzero(~self._fading(firm_from))
+        start, end = self.poses[self._ends.all[firm].T]
+        error = between(start, end) - self._measured.all[firm]
         error[:, 2] = wrap_rad(error[:, 2])
-        return error
+        return float(np.einsum("ei,eij,ej->", error, self._information.all[firm], error))
+
+    def _fading(self, firm_from: int) -> BoolArray:
+        """(E,) closures, but for those added lately."""
+        fading: BoolArray = self._is_closure.all.copy()
+        fading[firm_from:] = False
+        return fading
 
 
 def heading_rotation(heading_rad: float) -> FloatArray:

@@ -42,7 +42,8 @@ class Constraints:
         The end as seen from the start.
     information : (E, 3, 3)
         In the start's frame.
-    is_closure : (E,) bool
+    fades : (E,) bool
+        Closures, which the rest may overrule.
     is_new : (E,) bool
         Edges that have not been relaxed with; nothing has made way for them.
     seen : (S, 2) int
@@ -55,7 +56,7 @@ class Constraints:
     ends: IntArray
     measured: FloatArray
     information: FloatArray
-    is_closure: BoolArray
+    fades: BoolArray
     is_new: BoolArray
     seen: IntArray
     turned_rad: FloatArray
@@ -73,7 +74,7 @@ class Constraints:
             ends=self.ends[part],
             measured=self.measured[part],
             information=self.information[part],
-            is_closure=self.is_closure[part],
+            fades=self.fades[part],
             is_new=self.is_new[part],
         )
 
@@ -116,7 +117,7 @@ def relax(state: State, constraints: Constraints, is_new: BoolArray) -> State:
 
 def _fades(state: State, constraints: Constraints) -> bool:
     """Whether a new closure is so far off that all must be free for it to be reached."""
-    closures = constraints.of(np.flatnonzero(constraints.is_new & constraints.is_closure))
+    closures = constraints.of(np.flatnonzero(constraints.is_new & constraints.fades))
     return bool(_linear(state, closures).chi2.max(initial=0.0) > FADE_CHI2)
 
 
@@ -164,7 +165,7 @@ def _linear(state: State, window: Constraints) -> _Linear:
     error = between(a, b) - window.measured  # in the start's frame
     error[:, 2] = wrap_rad(error[:, 2])
     chi2 = ((window.information @ error[..., None])[..., 0] * error).sum(axis=1)
-    faded = np.where(window.is_closure, _fade(chi2), 1.0)
+    faded = np.where(window.fades, _fade(chi2), 1.0)
     c, s = np.cos(a[:, 2]), np.sin(a[:, 2])
     dx, dy = b[:, 0] - a[:, 0], b[:, 1] - a[:, 1]
     slopes = np.zeros((2, len(a), 3, 3))

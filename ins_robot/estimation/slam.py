@@ -71,6 +71,8 @@ class Slam:
         self._wheel_scale = WheelScaleMeter()
         self.anchors: list[Anchor] = []
         self.loop_closures = 0
+        self.map_moves = 0  # how often the graph was relaxed
+        self.is_located = False  # whether the last scan was laid on the map
 
     def step(
         self, scan: LaserScan, motion: MotionIncrement, is_node: bool | None = None
@@ -84,6 +86,7 @@ class Slam:
         surfels = self._surfels(scan)
         correction = self._correct(scan, surfels)
         match = None if correction is None else correction.match
+        self.is_located = correction is not None
         if correction is not None:
             self._wheel_scale.located(self._estimator.pose())
         if self._becomes_node(is_node):
@@ -231,10 +234,11 @@ class Slam:
             self._nodes.graph, node, thinned, self._travelled_m
         )
         before = self._nodes.graph.poses[node].copy()
-        is_closed = self._close_loops(node, thinned)
-        if is_turned and not is_closed:
+        if is_turned:
             self._nodes.graph.relax()
+        is_closed = self._close_loops(node, thinned)
         if is_turned or is_closed:
+            self.map_moves += 1
             self._estimator.carry(compose(self._nodes.graph.poses[node], inverse(before)))
             self._wheel_scale.interrupt()
 
