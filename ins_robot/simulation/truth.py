@@ -22,7 +22,7 @@ from ins_robot.simulation.robot_body import RobotBody
 from ins_robot.simulation.visibility import visible_cells
 from ins_robot.simulation.world import World
 
-NEAREST_FACES = 4  # by their middles; the nearest of all is among them
+NEAREST_FACES = 8  # by their middles; the nearest of all is among them but for a hair
 
 
 def metrics(
@@ -85,8 +85,9 @@ def wall_error_m(world: World, start: Pose2, grid: GridView) -> float:
     cells = np.argwhere(grid.is_occupied)[:, ::-1] + 0.5
     points = start.apply(cells * grid.resolution_m + np.asarray(grid.origin_m))
     middles, half_m = _faces(world)
-    _, nearest = cKDTree(middles).query(points, k=min(NEAREST_FACES, len(middles)))
-    nearest = nearest.reshape(len(points), -1)
+    _, nearest = cKDTree(middles).query(
+        points, k=np.arange(min(NEAREST_FACES, len(middles))) + 1
+    )
     beyond = np.abs(points[:, None] - middles[nearest]) - half_m[nearest]
     return float(np.hypot(*np.maximum(beyond, 0.0).transpose(2, 0, 1)).min(axis=1).mean())
 
