@@ -59,7 +59,7 @@ class Target:
 class Pursuit:
     """The target under way and the last one scanned, and what became of all before.
 
-    Attributes
+    Parameters
     ----------
     barren, vain : BarrenEdges
         Edges that scans for gaps, and for places, did not move.
@@ -73,7 +73,7 @@ class Pursuit:
         barren: BarrenEdges,
         vain: BarrenEdges,
     ) -> None:
-        self._places, self._ways, self.barren, self.vain = places, ways, barren, vain
+        self._places, self._ways, self._barren, self._vain = places, ways, barren, vain
         self._chances = SecondChances(graph, barren, vain)
         self._under_way: Target | None = None
         self._scanned: Target | None = None
@@ -146,4 +146,4 @@ class Pursuit:
             gap.set(GapState.UNREACHABLE, f"given up after {gap.failures} tries: {why}")
 
     def _memory_of(self, target: Target) -> BarrenEdges:
-        return self.vain if target.is_place else self.barren
+        return self._vain if target.is_place else self._barren
