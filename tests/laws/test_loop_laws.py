@@ -91,9 +91,15 @@ def closure(nodes: NodeMap, node: int, source: int, pose: np.ndarray) -> Closure
 
 
 @pytest.mark.parametrize("drift_m", [0.05, 0.5, 2.0])
-def test_a_loop_that_drifted_as_its_edges_allow_is_closed(drift_m: float) -> None:
-    nodes, true = ring(drift_m, is_closed=False, step_std_m=drift_m / math.sqrt(NODES))
-    found = [closure(nodes, NODES - 1, 0, true[-1])]
+@pytest.mark.parametrize(
+    ("count", "sigmas"), [(NODES, 1.0), (3 * NODES, 4.5), (25 * NODES, 3.0)]
+)
+def test_a_loop_that_drifted_as_its_edges_allow_is_closed(
+    drift_m: float, count: int, sigmas: float
+) -> None:
+    step_std_m = drift_m / (sigmas * math.sqrt(count))
+    nodes, true = ring(drift_m, is_closed=False, step_std_m=step_std_m, count=count)
+    found = [closure(nodes, k, 0, true[k]) for k in (count - 2, count - 1)]
     assert accepted(found, nodes) == found
     np.testing.assert_allclose(nodes.graph.poses[-1], true[-1], atol=0.05 * drift_m)
 
