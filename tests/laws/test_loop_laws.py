@@ -90,7 +90,7 @@ def closure(nodes: NodeMap, node: int, source: int, pose: np.ndarray) -> Closure
     )
 
 
-@pytest.mark.parametrize("drift_m", [0.05, 0.5, 2.0])
+@pytest.mark.parametrize("drift_m", [0.3, 2.0])
 @pytest.mark.parametrize(
     ("count", "sigmas"), [(NODES, 1.0), (3 * NODES, 4.5), (25 * NODES, 3.0)]
 )
