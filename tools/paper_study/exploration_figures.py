@@ -11,7 +11,7 @@ from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 
 from ins_robot.config import Config
-from ins_robot.navigation.explorer import Drive
+from ins_robot.navigation.decisions import NO_GAP, Drive
 from ins_robot.simulation.world import World
 from paper_study import drawing
 from paper_study.recorded import Recorded, Step, finished, record, steps
@@ -60,7 +60,7 @@ def chosen_steps(run: Sequence[Step]) -> list[int]:
 def _goes_back(run: Sequence[Step], index: int) -> int:
     """How many nodes ago the node was made whose gap is chosen."""
     decision = run[index].decision
-    if not isinstance(decision, Drive):
+    if not isinstance(decision, Drive) or decision.gap_id == NO_GAP:
         return 0
     return index - _index_of(run[index], decision.node_id)
 
@@ -73,6 +73,8 @@ def _what(run: Sequence[Step], index: int) -> str:
     decision = run[index].decision
     if not isinstance(decision, Drive):
         return f"N{index + 1}: no gap left, the map is complete"
+    if decision.gap_id == NO_GAP:
+        return f"N{index + 1}: no gap left, the way home"
     node = _index_of(run[index], decision.node_id)
     text = f"N{index + 1}: to N{node + 1}G{decision.gap_id + 1}"
     return f"{text}, back over known ways" if _goes_back(run, index) >= FAR_BACK else text
@@ -96,9 +98,9 @@ def _draw_step(ax: Axes, step: Step) -> None:
         )
     decision = step.decision
     if isinstance(decision, Drive):
-        gaps = step.nodes[_index_of(step, decision.node_id)]["gaps"]
-        gap = next(gap for gap in gaps if gap["id"] == decision.gap_id)
-        ax.plot(*np.array(gap["ends"]).T, color=drawing.CHOSEN_GAP, lw=2.4)
+        for gap in step.nodes[_index_of(step, decision.node_id)]["gaps"]:
+            if gap["id"] == decision.gap_id:
+                ax.plot(*np.array(gap["ends"]).T, color=drawing.CHOSEN_GAP, lw=2.4)
         ax.plot(*decision.path.points_m.T, "--", color=drawing.CHOSEN_GAP, lw=1.0)
     ax.add_patch(plt.Circle(places[-1], RADIUS_M, fill=False, ec=drawing.CHOSEN_GAP, lw=1.0))
 
