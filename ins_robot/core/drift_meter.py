@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What the odometry is worth on this floor: ways and corrections by scans in, drift out."""
+"""What the odometry is worth on this floor: corrections by scans in, drift out."""
 
 from __future__ import annotations
 
@@ -15,22 +15,19 @@ class DriftMeter:
     """Root mean square of how far the pose was off, over the ways since scans located it."""
 
     def __init__(self) -> None:
-        self._way_m = 0.0
+        self._since_m = 0.0
         self._looks: deque[tuple[float, float]] = deque(maxlen=LOOKS_MAX)  # off, way; squared
 
-    def drove(self, way_m: float) -> None:
-        """So far since the last scan."""
-        self._way_m += way_m
+    def located(self, off_m: float, at_m: float) -> None:
+        """A scan moved the pose by that much, `at_m` of the way driven."""
+        way_m = at_m - self._since_m
+        if way_m >= WAY_MIN_M:
+            self._looks.append((off_m**2, way_m**2))
+        self._since_m = at_m
 
-    def located(self, off_m: float) -> None:
-        """The scan moved the pose by that much."""
-        if self._way_m >= WAY_MIN_M:
-            self._looks.append((off_m**2, self._way_m**2))
-        self._way_m = 0.0
-
-    def interrupted(self) -> None:
+    def interrupted(self, at_m: float) -> None:
         """The map moved: what the pose did says nothing about the way."""
-        self._way_m = 0.0
+        self._since_m = at_m
 
     @property
     def per_m(self) -> float:

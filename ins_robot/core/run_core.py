@@ -66,7 +66,6 @@ class ScanJob:
     motion: MotionIncrement
     odom_from_base: Pose2
     at_m: float  # of the way driven
-    way_m: float  # of it, since the last scan
     sector: Sector | None  # None: on the way, no decision
     is_node: bool | None
 
@@ -109,7 +108,7 @@ class RunCore:
         self._now_s = 0.0
         self._last_odom = Pose2()
         self._way_m = 0.0  # driven, after the run too
-        self._looked_at_m = self._told_at_m = 0.0  # of that way: prepared, and computed
+        self._told_at_m = 0.0  # of that way: the last scan that was computed
 
     @property
     def pose(self) -> Pose2:
@@ -203,11 +202,10 @@ class RunCore:
             estimate = self.survey.scan_on_the_way(job.scan, job.motion)
         else:
             estimate, decision = self.survey.scan_at_node(job.scan, job.motion, job.sector)
-        self.drift.drove(job.way_m)
         if slam.map_moves != map_moves:
-            self.drift.interrupted()
+            self.drift.interrupted(job.at_m)
         elif slam.is_located:
-            self.drift.located(expected.distance_m(estimate.pose))
+            self.drift.located(expected.distance_m(estimate.pose), job.at_m)
         self._told_at_m = job.at_m
         self.map_from_odom = estimate.pose @ job.odom_from_base.inverse()
         return ScanOutcome(job=job, estimate=estimate, decision=decision)
@@ -309,15 +307,13 @@ class RunCore:
         since_s = stamp_s if self._located_at_s is None else self._located_at_s
         motion = self.odometry.increment(since_s, stamp_s)
         odom_from_base = Pose2.from_array(self.odometry.poses_at(np.array([stamp_s]))[0])
-        way_m = self._way_m - self._looked_at_m
-        self._located_at_s, self._looked_at_m = stamp_s, self._way_m
+        self._located_at_s = stamp_s
         self._odom_at_scans[stamp_s] = odom_from_base
         return ScanJob(
             scan=scan,
             motion=motion,
             odom_from_base=odom_from_base,
             at_m=self._way_m,
-            way_m=way_m,
             sector=sector,
             is_node=is_node,
         )

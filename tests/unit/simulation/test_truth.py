@@ -153,4 +153,4 @@ def test_metrics_of_a_run(two_rooms):
     assert found["heading_rmse_deg"] == pytest.approx(1.0)
     assert found["collisions"] == 0
     assert 0.5 < found["coverage"] < 1.0
-    assert found["wall_error_m"] < 0.05
+    assert found["wall_error_m"] == pytest.approx(0.025, abs=1e-3)
