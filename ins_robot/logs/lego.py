@@ -5,8 +5,11 @@
     M time_ms left * * * right ...      wheel angles in ticks
 
 The files are told by their content. Odometry is two-wheeled, between motor lines it is
-interpolated. Geometry is that of C. Brenner's SLAM lectures; track and scan delay were measured
-on the recording, by scans laid on one another and by the reference positions.
+interpolated. The base is the mark on the scanner that the camera follows; stamps and metres are
+the camera's. Of the geometry the makers published little: it was measured on the recording.
+Scans were laid into the arena, a rectangle (points to 7 mm), which gives the angle from beam to
+beam, the sweep's time and the ranges' offset; `P` lines give the length of a metre and delays;
+wheels come from the scans' poses.
 """
 
 from __future__ import annotations
@@ -18,7 +21,7 @@ import numpy as np
 
 from ins_robot.errors import InputError
 from ins_robot.geometry.angles import FloatArray, wrap_rad
-from ins_robot.geometry.pose2 import Pose2
+from ins_robot.geometry.pose2 import Pose2, between, compose
 from ins_robot.logs.sensor_log import LogRecord, OdometryNoise, SensorLog
 from ins_robot.logs.text_lines import Line, split_lines
 from ins_robot.messages import LaserScan
@@ -26,12 +29,17 @@ from ins_robot.sensing.deskew import deskew
 
 WORDS = frozenset({"S", "M", "P", "L", "F", "D", "C"})
 
-METRES_PER_TICK = 0.349e-3
-TRACK_M = 0.172
-BEAM_STEP_RAD = 0.006135923151543
+METRES_PER_TICK = 0.361e-3
+TRACK_M = 0.180
+AXLE_FROM_MARK = Pose2(0.048, 0.0, 0.0)
+MOTOR_DELAY_S = 0.25  # the mark is where a motor line says so long after its stamp
+BEAM_STEP_RAD = math.tau / 1000
 BEAM_AHEAD = 330.0
-BASE_FROM_LRF = Pose2(0.030, 0.0, -0.06981317007977318)
-SCAN_DELAY_S = 0.4  # scans were taken this long before their stamps
+BASE_FROM_LRF = Pose2(0.0, 0.0, -0.057)
+SCAN_DELAY_S = 0.16  # the beam ahead was measured this long before its scan's stamp
+REVOLUTION_S = 0.1
+RANGE_SCALE = 1.127  # the camera's metre is the shorter one
+RANGE_OFFSET_M = -0.026
 RANGE_MIN_M, RANGE_MAX_M = 0.10, 4.0  # a Hokuyo URG; nearer is the robot itself
 RANGE_STD_M = 0.01
 ROBOT_RADIUS_M = 0.10
@@ -90,11 +98,11 @@ def _motors(lines: list[Line]) -> tuple[FloatArray, FloatArray]:
     back = np.flatnonzero(np.diff(table[:, 0]) < 0.0)
     if len(back):
         raise lines[int(back[0]) + 1].error("the time goes back")
-    return table[:, 0] * _MS, table[:, 1:]
+    return table[:, 0] * _MS + MOTOR_DELAY_S, table[:, 1:]
 
 
 def drive(ticks: FloatArray) -> FloatArray:
-    """(N, 3) odom_from_base of the axle's middle, by ticks (N, 2) of left and right wheel."""
+    """(N, 3) odom_from_base, from (0, 0, 0), by ticks (N, 2) of left and right wheel."""
     left, right = np.diff(ticks, axis=0).T * METRES_PER_TICK
     turns = (right - left) / TRACK_M
     heading = np.concatenate([[0.0], np.cumsum(turns)])
@@ -103,20 +111,22 @@ def drive(ticks: FloatArray) -> FloatArray:
     middle = heading[:-1] + 0.5 * turns
     x_m = np.concatenate([[0.0], np.cumsum(chord * np.cos(middle))])
     y_m = np.concatenate([[0.0], np.cumsum(chord * np.sin(middle))])
-    return np.column_stack([x_m, y_m, wrap_rad(heading)])
+    mark = compose(np.column_stack([x_m, y_m, heading]), AXLE_FROM_MARK.as_array())
+    odom_from_base = between(mark[0], mark)
+    odom_from_base[:, 2] = wrap_rad(odom_from_base[:, 2])
+    return odom_from_base
 
 
 def _scan_record(scan: LaserScan, stamps_s: FloatArray, poses: FloatArray) -> LogRecord:
     """The scan as it would have looked at its stamp."""
     headings = np.unwrap(poses[:, 2])
-    times_s = scan.stamp_s + np.array([0.0, -SCAN_DELAY_S])
-    rows = (np.interp(times_s, stamps_s, row) for row in (poses[:, 0], poses[:, 1], headings))
-    now, then = np.column_stack(list(rows))
-    at_beams = np.broadcast_to(then, (len(scan.ranges_m), 3))
+    times_s = scan.stamp_s + np.concatenate([[0.0], scan.beam_offsets_s])
+    rows = [np.interp(times_s, stamps_s, row) for row in (poses[:, 0], poses[:, 1], headings)]
+    now, *at_beams = np.column_stack(rows)
     return LogRecord(
         stamp_s=scan.stamp_s,
         odom_from_base=Pose2.from_array(now),
-        scan=deskew(scan, at_beams, now, BASE_FROM_LRF),
+        scan=deskew(scan, np.array(at_beams), now, BASE_FROM_LRF),
     )
 
 
@@ -126,13 +136,14 @@ def _scan(line: Line) -> LaserScan:
     line.need(3 + beams, f"S of {beams} beams")
     ranges_m = line.numbers(3, 3 + beams) * _MM
     is_valid = (ranges_m >= RANGE_MIN_M) & (ranges_m <= RANGE_MAX_M)
-    ranges_m[~is_valid] = np.nan
+    ranges_m = np.where(is_valid, RANGE_SCALE * ranges_m + RANGE_OFFSET_M, np.nan)
+    turned_rad = (np.arange(beams) - BEAM_AHEAD) * BEAM_STEP_RAD
     return LaserScan(
         stamp_s=line.finite(1, "the time") * _MS,
-        bearings_rad=np.asarray((np.arange(beams) - BEAM_AHEAD) * BEAM_STEP_RAD, dtype=float),
+        bearings_rad=turned_rad,
         ranges_m=ranges_m,
         range_std_m=np.where(is_valid, RANGE_STD_M, np.nan),
-        beam_offsets_s=np.full(beams, -SCAN_DELAY_S),
+        beam_offsets_s=turned_rad * REVOLUTION_S / math.tau - SCAN_DELAY_S,
         range_max_m=RANGE_MAX_M,
         valid_counts=is_valid.astype(np.int8),
     )

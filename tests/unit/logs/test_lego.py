@@ -7,7 +7,17 @@ import numpy as np
 import pytest
 
 from ins_robot.errors import InputError
-from ins_robot.logs.lego import METRES_PER_TICK, TRACK_M, drive, read_lego
+from ins_robot.logs.lego import (
+    AXLE_FROM_MARK,
+    METRES_PER_TICK,
+    MOTOR_DELAY_S,
+    RANGE_OFFSET_M,
+    RANGE_SCALE,
+    SCAN_DELAY_S,
+    TRACK_M,
+    drive,
+    read_lego,
+)
 
 BEAMS = 660
 
@@ -38,9 +48,8 @@ def test_equal_ticks_drive_straight():
 
 def test_opposite_ticks_turn_on_the_spot():
     quarter = 0.25 * math.pi * TRACK_M / METRES_PER_TICK
-    assert drive(np.array([[0, 0], [-quarter, quarter]]))[-1] == pytest.approx(
-        [0, 0, math.pi / 2]
-    )
+    turned = drive(np.array([[0, 0], [-quarter, quarter]]))[-1]
+    assert turned[2] == pytest.approx(math.pi / 2)
 
 
 def test_many_small_arcs_make_the_same_circle_as_one_large():
@@ -49,21 +58,47 @@ def test_many_small_arcs_make_the_same_circle_as_one_large():
     np.testing.assert_allclose(drive(fine)[-1], drive(ticks)[-1], atol=1e-6)
 
 
+def test_the_mark_ahead_of_the_axle_swings_out_in_a_turn_on_the_spot():
+    quarter = 0.25 * math.pi * TRACK_M / METRES_PER_TICK
+    ahead_m = AXLE_FROM_MARK.x_m
+    assert drive(np.array([[0, 0], [-quarter, quarter]]))[-1] == pytest.approx(
+        [-ahead_m, ahead_m, math.pi / 2]
+    )
+
+
 def test_scans_stand_among_the_motor_lines_in_metres(directory):
     read = read_lego(
         directory(
             motors([0, 1000, 2000], [5000, 5000, 6000], [700, 700, 1700]),
-            [f"S 1500 {BEAMS} " + " ".join(["1500"] * 330 + ["15"] + ["2000"] * 329)],
+            [f"S 1750 {BEAMS} " + " ".join(["1500"] * 330 + ["15"] + ["1800"] * 329)],
         )
     )
-    assert [r.stamp_s for r in read.records] == [0.0, 1.0, 1.5, 2.0]
+    stamps_s = np.array([0.0, 1.0, 1.5, 2.0]) + MOTOR_DELAY_S
+    assert [r.stamp_s for r in read.records] == pytest.approx(stamps_s)
     record = read.records[2]
     assert record.odom_from_base.x_m == pytest.approx(500 * METRES_PER_TICK)
     assert record.scan.is_valid.sum() == BEAMS - 1
     # Taken earlier, further back, the walls ahead look nearer now.
     ahead = np.nanargmin(np.abs(record.scan.bearings_rad + read.base_from_lrf.heading_rad))
-    driven_since_m = 400 * METRES_PER_TICK
-    assert record.scan.ranges_m[ahead] == pytest.approx(2.0 - driven_since_m, abs=0.002)
+    driven_since_m = 1000 * SCAN_DELAY_S * METRES_PER_TICK
+    wall_m = 1.8 * RANGE_SCALE + RANGE_OFFSET_M
+    assert record.scan.ranges_m[ahead] == pytest.approx(wall_m - driven_since_m, abs=0.002)
+
+
+def test_later_beams_are_turned_on_with_the_robot(directory):
+    ticks = 0.5 * TRACK_M / METRES_PER_TICK * np.arange(5)
+    read = read_lego(
+        directory(
+            motors(range(0, 5000, 1000), -ticks, ticks),
+            [f"S 2000 {BEAMS} " + " ".join(["1500"] * BEAMS)],
+        )
+    )
+    (bearings_rad,) = [r.scan.bearings_rad for r in read.records if r.scan is not None]
+    # At 1 rad/s a sweep of 0.1 s a turn sees the step from beam to beam widened by 0.1 / 2 pi.
+    widened = 1.0 + 0.1 / math.tau
+    assert np.ptp(np.unwrap(bearings_rad)) == pytest.approx(
+        widened * (BEAMS - 1) * math.tau / 1000, rel=2e-3
+    )
 
 
 @pytest.mark.parametrize(
