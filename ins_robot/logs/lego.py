@@ -137,7 +137,7 @@ def _scan(line: Line) -> LaserScan:
     ranges_m = line.numbers(3, 3 + beams) * _MM
     is_valid = (ranges_m >= RANGE_MIN_M) & (ranges_m <= RANGE_MAX_M)
     ranges_m = np.where(is_valid, RANGE_SCALE * ranges_m + RANGE_OFFSET_M, np.nan)
-    turned_rad = (np.arange(beams) - BEAM_AHEAD) * BEAM_STEP_RAD
+    turned_rad = (np.arange(beams, dtype=np.float64) - BEAM_AHEAD) * BEAM_STEP_RAD
     return LaserScan(
         stamp_s=line.finite(1, "the time") * _MS,
         bearings_rad=turned_rad,
