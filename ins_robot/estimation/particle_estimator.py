@@ -31,6 +31,8 @@ SURE_STD_RAD = math.radians(3.0)
 SURE_KERNEL = 2.0
 INLIER_SHARE_MIN = 0.3
 INLIER_SHARE_GOOD = 0.55
+INLIER_SHARE_SURE = 0.8  # where the robot may have turned to anywhere
+TURN_MARGIN = 5.0  # nats by which a far turn must be better than a near one
 INLIERS_MIN = 15
 SURPRISE_MAX = 36.0  # chi-squared of match against prior beyond which the odometry decides
 
@@ -91,13 +93,42 @@ def _match(
     match = None
     if std_m < SURE_STD_M and std_rad < SURE_STD_RAD:
         match = align(field, scan, prior[None], prior, information, kernel_start=SURE_KERNEL)
+    half_width = min(max(SEARCH_STDS * std_m, SEARCH_HALF_MIN_M), SEARCH_HALF_MAX_M)
+    half_turn = min(max(SEARCH_STDS * std_rad, SEARCH_TURN_MIN_RAD), math.pi)
+    near = min(half_turn, SEARCH_TURN_MAX_RAD)
     if match is None or match.inlier_share < INLIER_SHARE_GOOD:
-        half_width = min(max(SEARCH_STDS * std_m, SEARCH_HALF_MIN_M), SEARCH_HALF_MAX_M)
-        half_turn = min(max(SEARCH_STDS * std_rad, SEARCH_TURN_MIN_RAD), SEARCH_TURN_MAX_RAD)
-        found = search(field, scan, prior, half_width, half_turn, information)
-        match = align(field, scan, np.stack([found.pose, prior]), prior, information)
+        starts = _searched(scan, field, prior, information, half_width, near, [0.0])
+        match = align(field, scan, starts, prior, information)
+    if half_turn > near and match.inlier_share < INLIER_SHARE_SURE:
+        count = math.ceil((half_turn - near) / (2.0 * near))
+        half_window = 0.5 * (half_turn - near) / count
+        right = [near + (2 * k + 1) * half_window for k in range(count)]
+        turns = [*right, *(-turn for turn in right)]
+        starts = _searched(scan, field, prior, information, half_width, half_window, turns)
+        far = align(field, scan, starts, prior, information)
+        if far.cost < match.cost - TURN_MARGIN:
+            match = far
     if match.inliers < INLIERS_MIN or match.inlier_share < INLIER_SHARE_MIN:
         return None
     off = match.pose - prior
     off[2] = wrap_rad(float(off[2]))
     return match if float(off @ information @ off) < SURPRISE_MAX else None
+
+
+def _searched(
+    scan: Surfels,
+    field: LikelihoodField,
+    prior: FloatArray,
+    information: FloatArray,
+    half_width_m: float,
+    half_window_rad: float,
+    turns_rad: list[float],
+) -> FloatArray:
+    """(W + 1, 3) best pose of each window, turned so far from the prior; and the prior."""
+    starts = [prior]
+    for turn_rad in turns_rad:
+        centre = prior + np.array([0.0, 0.0, turn_rad])
+        starts.append(
+            search(field, scan, centre, half_width_m, half_window_rad, information).pose
+        )
+    return np.stack(starts[::-1])

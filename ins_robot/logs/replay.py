@@ -16,6 +16,7 @@ from ins_robot.config import Config
 from ins_robot.core.run_result import RunResult, RunState, path_length_m
 from ins_robot.core.trajectory import Anchor, correct
 from ins_robot.errors import InputError
+from ins_robot.estimation.motion_habit import MotionHabit
 from ins_robot.estimation.slam import Slam
 from ins_robot.geometry.angles import FloatArray
 from ins_robot.geometry.pose2 import Pose2
@@ -55,6 +56,7 @@ def replay_log(
     """
     begun_s = clock()
     slam = Slam(config.slam, config.map, log.base_from_lrf, rng, log.range_trusted_m)
+    habit = None if log.has_odometry else MotionHabit()
     slam_ms: list[float] = []
     scan_rows: list[int] = []
     is_cut = False
@@ -63,7 +65,10 @@ def replay_log(
         if is_cut:
             break
         step_begun_s = clock()
-        slam.step(step.scan, step.motion, None)
+        before = slam.pose
+        slam.step(step.scan, habit.expect(step.motion) if habit else step.motion, None)
+        if habit and slam.is_located:
+            habit.learn(before.between(slam.pose))
         slam_ms.append(1e3 * (clock() - step_begun_s))
         scan_rows.append(step.row)
         share = (step.row + 1) / len(log.records)
@@ -75,7 +80,6 @@ def replay_log(
     stamps_s = np.array([record.stamp_s for record in records])
     odom_from_base = np.array([record.odom_from_base.as_array() for record in records])
     map_from_base = corrected_by(slam, scan_rows, odom_from_base)
-    has_odometry = bool(np.any(odom_from_base))
     duration_s = float(stamps_s.max() - stamps_s.min())
     return RunResult(
         name=name,
@@ -87,7 +91,7 @@ def replay_log(
         graph=node_chain(slam),
         robot_radius_m=log.robot_radius_m,
         duration_s=duration_s,
-        path_length_m=path_length_m(odom_from_base if has_odometry else map_from_base),
+        path_length_m=path_length_m(odom_from_base if log.has_odometry else map_from_base),
         scans=len(scan_rows),
         nodes=len(slam.nodes),
         loop_closures=slam.loop_closures,

@@ -82,7 +82,7 @@ class UnknownMotion(MotionModel):
     speed_mps: float = 0.4
     yaw_rate_radps: float = 0.5
     pause_min_s: float = 0.1
-    pause_max_s: float = 1.5
+    pause_max_s: float = 3.0
 
     def increment(
         self, before: LogRecord, after: LogRecord, way_m: float, turn_rad: float
@@ -121,6 +121,11 @@ class SensorLog:
     motion_model: MotionModel
     range_trusted_m: float
     robot_radius_m: float
+
+    @property
+    def has_odometry(self) -> bool:
+        """Whether its records say how the robot moved."""
+        return not isinstance(self.motion_model, UnknownMotion)
 
     @property
     def scan_count(self) -> int:

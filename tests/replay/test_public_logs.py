@@ -1,13 +1,17 @@
 # SPDX-License-Identifier: MIT
 """What was really recorded is read as what it is. Needs ../shared/data, skips without it."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from ins_robot.config import Config
+from ins_robot.geometry import pose2
 from ins_robot.geometry.pose2 import Pose2
 from ins_robot.logs.open_log import LogKind, find_log, read_log
+from ins_robot.logs.replay import replay_log
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
 
@@ -77,3 +81,17 @@ def test_neighbouring_scans_lie_on_one_another_by_odometry_alone(name):
     assert as_read < 0.75 * filled_cells(mounted, -1.0)
     ahead = Pose2(mounted.x_m + 0.15, mounted.y_m, mounted.heading_rad)
     assert as_read < 0.99 * filled_cells(ahead, 1.0)
+
+
+def test_scans_alone_tell_turns_of_more_than_a_right_angle():
+    """Freiburg 079 turns by 54 and by 114 degrees between scans in its first 45 s."""
+    _, log = read("slam/fr079.clf")
+    first_s = log.records[0].stamp_s
+    cut = replace(log, records=[r for r in log.records if r.stamp_s - first_s < 45.0])
+    results = [
+        replay_log(part, Config(), "fr079", np.random.default_rng(0), lambda: 0.0, print)
+        for part in (cut, cut.without_odometry())
+    ]
+    off = pose2.between(*(result.map_from_base for result in results))
+    assert np.hypot(off[:, 0], off[:, 1]).max() < 0.25
+    assert np.abs(off[:, 2]).max() < 0.03
