@@ -67,7 +67,6 @@ class ScanJob:
     odom_from_base: Pose2
     at_m: float  # of the way driven
     sector: Sector | None  # None: on the way, no decision
-    is_node: bool | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -179,7 +178,7 @@ class RunCore:
         whole = combine(self._revolutions, self._config.lrf, set_rpm)
         scan = select_sector(whole, sector.centre_rad, sector.half_width_rad)
         self.scans += 1
-        return self._job(scan, sector, is_node=True)
+        return self._job(scan, sector)
 
     def prepare_sweep(self) -> ScanJob:
         """The last revolution, taken while driving, de-skewed to its first beam's pose."""
@@ -188,7 +187,7 @@ class RunCore:
         at_stamp = self.odometry.poses_at(np.array([raw.stamp_s]))[0]
         scan = deskew(raw, at_beams, at_stamp, self._base_from_lrf)
         self.sweeps += 1
-        return self._job(scan, None, is_node=None)
+        return self._job(scan, None)
 
     def compute(self, job: ScanJob) -> ScanOutcome:
         """The heavy part; in the worker. From its end on the correction steers the robot.
@@ -302,7 +301,7 @@ class RunCore:
             zones=self.survey.explorer.bounds.zones,
         )
 
-    def _job(self, scan: LaserScan, sector: Sector | None, *, is_node: bool | None) -> ScanJob:
+    def _job(self, scan: LaserScan, sector: Sector | None) -> ScanJob:
         stamp_s = scan.stamp_s
         since_s = stamp_s if self._located_at_s is None else self._located_at_s
         motion = self.odometry.increment(since_s, stamp_s)
@@ -315,5 +314,4 @@ class RunCore:
             odom_from_base=odom_from_base,
             at_m=self._way_m,
             sector=sector,
-            is_node=is_node,
         )

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ins_robot.config import Config
-from ins_robot.estimation.slam import Slam
+from ins_robot.estimation.slam import Keep, Slam
 from ins_robot.geometry.pose2 import Pose2
 from ins_robot.mapping.occupancy_grid import OccupancyGrid
 from ins_robot.messages import LaserScan, MotionIncrement, PoseEstimate
@@ -73,7 +73,7 @@ class Survey:
         self, scan: LaserScan, motion: MotionIncrement, sector: Sector
     ) -> tuple[PoseEstimate, Decision]:
         """Correct the pose, make this place a node, decide where to go."""
-        estimate = self._locate(scan, motion, is_node=True)
+        estimate = self._locate(scan, motion, Keep.ALWAYS)
         begun_s = self._timer_s()
         node = self.slam.nodes[-1]
         self._follow_corrections()
@@ -88,7 +88,7 @@ class Survey:
     def scan_on_the_way(self, scan: LaserScan, motion: MotionIncrement) -> PoseEstimate:
         """Correct the pose, and draw what is new; no decision."""
         self.explorer.blindness.glimpsed(scan)
-        return self._locate(scan, motion, is_node=None)
+        return self._locate(scan, motion, Keep.APART)
 
     def give_up(self, goal: Drive, why: str, pose: Pose2) -> Decision:
         """The goal could not be reached: decide again, from where the robot stands."""
@@ -128,11 +128,9 @@ class Survey:
         self.ended = decision if isinstance(decision, Finished) else None
         return decision
 
-    def _locate(
-        self, scan: LaserScan, motion: MotionIncrement, is_node: bool | None
-    ) -> PoseEstimate:
+    def _locate(self, scan: LaserScan, motion: MotionIncrement, keep: Keep) -> PoseEstimate:
         begun_s = self._timer_s()
-        estimate = self.slam.step(scan, motion, is_node)
+        estimate = self.slam.step(scan, motion, keep)
         # Drawn now, once a step: when it is asked for later must not change the map.
         self.grid = self.slam.grid
         self.slam_ms.append(1e3 * (self._timer_s() - begun_s))

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from enum import Enum, auto
 
 import numpy as np
 
@@ -34,6 +35,18 @@ from ins_robot.messages import LaserScan, MotionIncrement, PoseEstimate
 
 SCAN_SURFELS_MAX = 240
 FIELD_STALE_M = 0.5
+KNOWN_SHARE = 0.9  # of the readings on the map: such a scan shows nothing new
+
+
+class Keep(Enum):
+    """Whether a scan is kept as a node, with its part in the map."""
+
+    ALWAYS = auto()
+    APART = auto()  # when the robot has moved or turned on since the last node
+    NEW = (
+        auto()
+    )  # and it shows what the nodes there did not; else a log passes, and nothing grows
+    NEVER = auto()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -75,12 +88,9 @@ class Slam:
         self.is_located = False  # whether the last scan was laid on the map
 
     def step(
-        self, scan: LaserScan, motion: MotionIncrement, is_node: bool | None = None
+        self, scan: LaserScan, motion: MotionIncrement, keep: Keep = Keep.APART
     ) -> PoseEstimate:
-        """Take in a scan and the motion since the last one.
-
-        `is_node`: keep the scan as a node; None decides by distance and turn since then.
-        """
+        """Take in a scan and the motion since the last one; `keep` it as a node or not."""
         self._estimator.predict(motion)
         self._remember(motion)
         surfels = self._surfels(scan)
@@ -89,7 +99,7 @@ class Slam:
         self.is_located = correction is not None
         if correction is not None:
             self._wheel_scale.located(self._estimator.pose())
-        if self._becomes_node(is_node):
+        if self._becomes_node(keep, match):
             node = self._add_node(scan, surfels, match)
             self._settle(node, surfels)
         self._anchor(scan.stamp_s)
@@ -201,16 +211,23 @@ class Slam:
             return linked
         return self._nodes.linked(np.arange(len(self._nodes)), pose)
 
-    def _becomes_node(self, is_node: bool | None) -> bool:
-        if is_node is not None:
-            return is_node
-        if len(self._nodes) == 0:
+    def _becomes_node(self, keep: Keep, match: Alignment | None) -> bool:
+        if keep is Keep.ALWAYS or keep is Keep.NEVER or len(self._nodes) == 0:
+            return keep is not Keep.NEVER
+        apart_m = self._config.node_distance_m
+        if self._is_beside(np.array([len(self._nodes) - 1]), apart_m):
+            return False
+        if keep is Keep.APART:
             return True
-        off = between(self._nodes.graph.poses[-1], self._estimator.pose())
-        return bool(
-            np.hypot(off[0], off[1]) >= self._config.node_distance_m
-            or abs(off[2]) >= math.radians(self._config.node_turn_deg)
-        )
+        is_known = match is not None and match.inlier_share > KNOWN_SHARE
+        return not (is_known and self._is_beside(self._linked, 0.5 * apart_m))
+
+    def _is_beside(self, nodes: IntArray, apart_m: float) -> bool:
+        """Whether the robot looks from where one of `nodes` did, and the same way."""
+        off = between(self._nodes.graph.poses[nodes], self._estimator.pose())
+        is_near = np.hypot(off[:, 0], off[:, 1]) < apart_m
+        is_turned_alike = np.abs(wrap_rad(off[:, 2])) < math.radians(self._config.node_turn_deg)
+        return bool((is_near & is_turned_alike).any())
 
     def _add_node(self, scan: LaserScan, surfels: Surfels, match: Alignment | None) -> int:
         pose = self._estimator.pose()

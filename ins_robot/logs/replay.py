@@ -17,7 +17,7 @@ from ins_robot.core.run_result import RunResult, RunState, path_length_m
 from ins_robot.core.trajectory import Anchor, correct
 from ins_robot.errors import InputError
 from ins_robot.estimation.motion_habit import MotionHabit
-from ins_robot.estimation.slam import Slam
+from ins_robot.estimation.slam import Keep, Slam
 from ins_robot.geometry.angles import FloatArray
 from ins_robot.geometry.pose2 import Pose2
 from ins_robot.logs.memory import peak_rss_mb
@@ -66,7 +66,8 @@ def replay_log(
             break
         step_begun_s = clock()
         before = slam.pose
-        slam.step(step.scan, habit.expect(step.motion) if habit else step.motion, None)
+        motion = habit.expect(step.motion) if habit else step.motion
+        slam.step(step.scan, motion, Keep.NEW)
         if habit and slam.is_located:
             habit.learn(before.between(slam.pose))
         slam_ms.append(1e3 * (clock() - step_begun_s))

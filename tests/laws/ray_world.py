@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from ins_robot.estimation.slam import Slam
+from ins_robot.estimation.slam import Keep, Slam
 from ins_robot.geometry.pose2 import Pose2, between
 from ins_robot.messages import LaserScan, MotionIncrement
 
@@ -78,7 +78,7 @@ def motion_between(
     )
 
 
-def drive(slam: Slam, walls, path, seed, is_node=True, motion=None, **scan):
+def drive(slam: Slam, walls, path, seed, keep=Keep.ALWAYS, motion=None, **scan):
     """Scan at each pose of `path` (N, 3), from the origin on; returns estimates (N, 3)."""
     rng = np.random.default_rng(seed)
     bearings = scan.pop("bearings", full_turn())
@@ -89,7 +89,7 @@ def drive(slam: Slam, walls, path, seed, is_node=True, motion=None, **scan):
         else:
             step = motion_between(pose, pose)
         seen = scan_at(walls, pose, rng, bearings, stamp_s=float(i), **scan)
-        estimates.append(slam.step(seen, step, is_node).pose.as_array())
+        estimates.append(slam.step(seen, step, keep).pose.as_array())
     return np.array(estimates)
 
 

@@ -15,6 +15,7 @@ from ray_world import (
     RING,
     ROOM,
     along_way_points,
+    box,
     drive,
     full_turn,
     motion_between,
@@ -32,7 +33,7 @@ from ins_robot.estimation.resampling import (
     resample_low_variance,
 )
 from ins_robot.estimation.scan_matching import align, log_likelihoods, search
-from ins_robot.estimation.slam import Slam
+from ins_robot.estimation.slam import Keep, Slam
 from ins_robot.geometry.angles import wrap_rad
 from ins_robot.geometry.pose2 import Pose2, between, compose
 from ins_robot.mapping.likelihood_field import LikelihoodField
@@ -293,3 +294,26 @@ def run(seed):
 def test_same_seed_same_bytes():
     assert run(0) == run(0)
     assert run(0) != run(1)
+
+
+def test_what_is_known_makes_no_nodes_however_often_it_is_passed():
+    lap = along_way_points([(0, 0), (2, 0), (2, 2), (0, 2), (0, 0)], 0.2)
+    slam = Slam(SlamConfig(), MapConfig(), Pose2(), np.random.default_rng(0))
+    drive(slam, ROOM, np.vstack([lap] * 8), seed=0, keep=Keep.NEW)
+    laps = np.array([node.stamp_s for node in slam.nodes]) // len(lap)
+    assert (laps == 0).sum() > 10
+    assert (laps >= 4).sum() < (laps == 0).sum() / 3
+
+
+def test_what_has_changed_makes_nodes_again():
+    lap = along_way_points([(0, 0), (1.2, 0), (0, 0), (1.2, 0), (0, 0)], 0.2)
+    again = np.vstack([lap[-1:], lap])
+    slam = Slam(SlamConfig(), MapConfig(), Pose2(), np.random.default_rng(0))
+    drive(slam, ROOM, lap, seed=1, keep=Keep.NEW)
+    drive(slam, ROOM, again, seed=2, keep=Keep.NEW)
+    known = len(slam.nodes)
+    drive(slam, ROOM, again, seed=3, keep=Keep.NEW)
+    assert len(slam.nodes) == known
+    furnished = np.vstack([ROOM, box(-0.5, 1.2, 0.8, 2.0)])
+    drive(slam, furnished, again, seed=4, keep=Keep.NEW)
+    assert len(slam.nodes) > known

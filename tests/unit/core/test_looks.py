@@ -49,7 +49,6 @@ def look(core, count=1):
                 odom_from_base=Pose2(at_m, 0.0, 0.0),
                 at_m=at_m,
                 sector=None,
-                is_node=None,
             )
         )
 

@@ -22,7 +22,7 @@ from ins_robot.estimation.estimators import ESTIMATORS
 from ins_robot.estimation.odometry_estimator import OdometryEstimator
 from ins_robot.estimation.protocol import Observation
 from ins_robot.estimation.similarity_estimator import SimilarityEstimator
-from ins_robot.estimation.slam import Slam
+from ins_robot.estimation.slam import Keep, Slam
 from ins_robot.geometry.angles import wrap_rad
 from ins_robot.geometry.pose2 import Pose2, between, compose
 from ins_robot.mapping.surfels import surfels_of_scan
@@ -101,7 +101,9 @@ def test_a_rotated_world_gives_a_rotated_map(estimator, tolerance_m):
         slam, rng, poses = slam_with(estimator), np.random.default_rng(3), []
         for i, pose in enumerate(path):
             motion = motion_between(path[max(i - 1, 0)], pose, rng if i else None)
-            poses.append(slam.step(scan_at(ROOM, pose, rng, full_turn()), motion, True).pose)
+            poses.append(
+                slam.step(scan_at(ROOM, pose, rng, full_turn()), motion, Keep.ALWAYS).pose
+            )
             if i == 0:
                 slam._estimator.carry(carried)
                 slam._nodes.graph.poses[:] = compose(carried, slam._nodes.graph.poses)
@@ -123,7 +125,7 @@ def test_without_features_odometry_decides_and_doubt_grows(estimator):
     stds = []
     for i, pose in enumerate(path):
         motion = motion_between(path[max(i - 1, 0)], pose)
-        estimate = slam.step(scan_at(CORRIDOR, pose, rng, full_turn()), motion, True)
+        estimate = slam.step(scan_at(CORRIDOR, pose, rng, full_turn()), motion, Keep.ALWAYS)
         stds.append(estimate.position_std_m)
     assert estimate.pose.x_m == pytest.approx(5.0, abs=0.05)
     assert stds[-1] > 2.0 * stds[1]
@@ -138,7 +140,7 @@ def test_doubt_is_about_what_the_error_is(estimator):
     squares = []
     for i, pose in enumerate(path):
         motion = motion_between(path[max(i - 1, 0)], pose, rng if i else None)
-        estimate = slam.step(scan_at(ROOM, pose, rng, full_turn()), motion, True)
+        estimate = slam.step(scan_at(ROOM, pose, rng, full_turn()), motion, Keep.ALWAYS)
         off = estimate.pose.as_array() - pose
         squares.append((off[:2] @ off[:2]) / max(estimate.position_std_m, 1e-3) ** 2)
     assert np.sqrt(np.mean(squares)) < 3.0

@@ -20,7 +20,7 @@ from ray_world import (
 )
 
 from ins_robot.config import MapConfig, SlamConfig
-from ins_robot.estimation.slam import Slam
+from ins_robot.estimation.slam import Keep, Slam
 from ins_robot.geometry.angles import wrap_rad
 from ins_robot.geometry.pose2 import Pose2, compose
 
@@ -68,11 +68,11 @@ def test_odometry_estimator_corrects_nothing_and_knows_that_it_drifts():
 def test_continuous_scans_become_nodes_by_distance_and_turn():
     path = along_way_points([(0, 0), (3, 0)], 0.1)
     slam = slam_with(node_distance_m=0.5)
-    drive(slam, ROOM, path, 2, is_node=None, motion={"std": (0.01, 0.01, 0.005)})
+    drive(slam, ROOM, path, 2, keep=Keep.APART, motion={"std": (0.01, 0.01, 0.005)})
     assert len(slam.nodes) == pytest.approx(7, abs=1)
     turning = np.array([(0.0, 0.0, math.radians(5.0 * k)) for k in range(19)])
     slam = slam_with(node_turn_deg=20.0)
-    drive(slam, ROOM, turning, 3, is_node=None, motion={"std": (0.005, 0.005, 0.01)})
+    drive(slam, ROOM, turning, 3, keep=Keep.APART, motion={"std": (0.005, 0.005, 0.01)})
     assert len(slam.nodes) == pytest.approx(5, abs=1)
 
 
@@ -95,7 +95,7 @@ def test_along_a_bare_corridor_odometry_decides_and_doubt_grows_only_there():
     rng = np.random.default_rng(6)
     for i, pose in enumerate(path):
         motion = motion_between(path[max(i - 1, 0)], pose, rng if i else None)
-        estimate = slam.step(scan_at(CORRIDOR, pose, rng, full_turn()), motion, True)
+        estimate = slam.step(scan_at(CORRIDOR, pose, rng, full_turn()), motion, Keep.ALWAYS)
     assert estimate.pose.x_m == pytest.approx(8.0, abs=0.35)
     assert estimate.pose.y_m == pytest.approx(0.0, abs=0.03)
     assert estimate.covariance[0, 0] > 20.0 * estimate.covariance[1, 1]
@@ -108,7 +108,7 @@ def test_when_the_scan_matches_badly_odometry_decides_and_doubt_grows():
     before = slam.step(
         scan_at(ROOM, path[-1], np.random.default_rng(1), full_turn()),
         motion_between(path[-1], path[-1]),
-        False,
+        Keep.NEVER,
     )
     rng = np.random.default_rng(8)
     start = slam.pose.as_array()
@@ -122,7 +122,7 @@ def test_when_the_scan_matches_badly_odometry_decides_and_doubt_grows():
             beam_offsets_s=np.zeros(360),
             range_max_m=6.0,
         )
-        estimate = slam.step(garbled, motion_between((0, 0, 0), (0.3, 0, 0)), False)
+        estimate = slam.step(garbled, motion_between((0, 0, 0), (0.3, 0, 0)), Keep.NEVER)
     expected = compose(start, [0.9, 0.0, 0.0])
     assert np.hypot(*(estimate.pose.as_array() - expected)[:2]) < 0.03
     assert estimate.position_std_m > 2.0 * before.position_std_m
@@ -133,7 +133,7 @@ def test_empty_scans_are_survived():
     slam = slam_with()
     empty = scan_at(ROOM, (0, 0, 0), np.random.default_rng(0), full_turn(), missing=1.1)
     for _ in range(3):
-        estimate = slam.step(empty, motion_between((0, 0, 0), (0.5, 0, 0)), None)
+        estimate = slam.step(empty, motion_between((0, 0, 0), (0.5, 0, 0)))
     assert estimate.pose.x_m == pytest.approx(1.5, abs=0.05)
     assert slam.grid.is_unknown.all()
 
@@ -141,7 +141,7 @@ def test_empty_scans_are_survived():
 def test_anchors_follow_the_corrections_of_their_nodes():
     path = along_way_points(TOUR, 0.25)
     slam = slam_with()
-    estimates = drive(slam, ROOM, path, 9, is_node=None)
+    estimates = drive(slam, ROOM, path, 9, keep=Keep.APART)
     poses = slam.node_poses
     told = [compose(poses[a.node_id], a.node_from_base.as_array()) for a in slam.anchors]
     assert len(told) == len(path)
