@@ -1,17 +1,18 @@
 # SPDX-License-Identifier: MIT
 """What a decision costs while nodes and map grow: one long run through a large office.
 
-    python tools/decision_cost.py --out runs/cost --strategy auto --nodes 500 --side 100
+    python tools/decision_cost.py --out runs/cost --nodes 500 --side 100 --room 10
 
 The office is SIDE x SIDE metres of rooms with doors; the robot explores it with the configured
-sensor and a perfect pose. Printed for each tenth of the nodes: median and worst processor time
-of `decide`, and the size of the map then; curve.png in OUT. Last line: the exponent p of the
-fit time ~ nodes^p.
+sensor and a perfect pose, to NODES or to its own stop. Printed for each tenth of the nodes:
+median and worst processor time of `decide`, the box of the map and what of it is known then;
+curve.png in OUT. Last lines: the exponent p of the fit time ~ nodes^p, and the peak of memory.
 """
 
 from __future__ import annotations
 
 import argparse
+import resource
 from pathlib import Path
 
 import matplotlib as mpl
@@ -25,7 +26,7 @@ from ins_robot.navigation.strategies import STRATEGY_NAMES
 from ins_robot.simulation.world import World
 
 RESOLUTION_M = 0.05
-ROOM_M, DOOR_M = 5.0, 1.0
+DOOR_M = 1.0
 BANDS = 10
 
 
@@ -37,16 +38,18 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--strategy", default="auto", choices=STRATEGY_NAMES)
     parser.add_argument("--nodes", type=int, default=500)
     parser.add_argument("--side", type=float, default=100.0, help="of the office, metres")
+    parser.add_argument("--room", type=float, default=5.0, help="edge of a room, metres")
     parser.add_argument("--seed", type=int, default=0)
     args = parser.parse_args(argv)
-    world = office(args.side, np.random.default_rng(args.seed))
+    world = office(args.side, args.room, np.random.default_rng(args.seed))
     config = configured(load(None, []), args.strategy)
-    middle = (0.5 + args.side // (2.0 * ROOM_M)) * ROOM_M
+    middle = (0.5 + args.side // (2.0 * args.room)) * args.room
     rows = []
     for run in explore(world, Pose2(middle, middle, 0.0), config):
         height, width = run.grid.shape
         area = height * width * run.grid.resolution_m**2
-        rows.append((run.scans, run.decide_ms[-1], area))
+        rows.append((run.scans, run.decide_ms[-1], area, run.grid.known_m2))
+        run.robot.looks.clear()
         if run.scans >= args.nodes:
             break
     args.out.mkdir(parents=True, exist_ok=True)
@@ -54,10 +57,10 @@ def main(argv: list[str] | None = None) -> int:
     return 0
 
 
-def office(side_m: float, rng: np.random.Generator) -> World:
+def office(side_m: float, room_m: float, rng: np.random.Generator) -> World:
     """Square rooms, each joined to the next ones by doors somewhere in the wall."""
-    count = int(side_m // ROOM_M)
-    room, door = round(ROOM_M / RESOLUTION_M), round(DOOR_M / RESOLUTION_M)
+    count = int(side_m // room_m)
+    room, door = round(room_m / RESOLUTION_M), round(DOOR_M / RESOLUTION_M)
     is_occupied = np.zeros((count * room + 1, count * room + 1), bool)
     is_occupied[::room] = is_occupied[:, ::room] = True
     for row in range(count):
@@ -69,17 +72,18 @@ def office(side_m: float, rng: np.random.Generator) -> World:
 
 
 def report(rows: np.ndarray, file: Path) -> None:
-    """Table on stdout, curve in a file; rows (N, 3): nodes, ms, m2 of map."""
-    print("| nodes | map m2 | median ms | worst ms |\n|---|---|---|---|")
+    """Table on stdout, curve in a file; rows (N, 4): nodes, ms, m2 of map and m2 known."""
+    print("| nodes | map m2 | known m2 | median ms | worst ms |\n|---|---|---|---|---|")
     for band in np.array_split(rows, min(BANDS, len(rows))):
-        nodes, area = int(band[-1, 0]), band[-1, 2]
-        print(
-            f"| {nodes} | {area:.0f} | {np.median(band[:, 1]):.1f} | {band[:, 1].max():.0f} |"
-        )
+        nodes, _, area, known = band[-1]
+        median, worst = np.median(band[:, 1]), band[:, 1].max()
+        print(f"| {nodes:.0f} | {area:.0f} | {known:.0f} | {median:.1f} | {worst:.0f} |")
     late = rows[len(rows) // 10 :]
     if len(late) > 2:
         power, _ = np.polyfit(np.log(late[:, 0]), np.log(late[:, 1]), 1)
         print(f"time grows like nodes^{power:.2f}")
+    peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+    print(f"peak RSS {peak_mb:.0f} MB, the simulated world included")
     mpl.use("Agg")
     from matplotlib import pyplot as plt
 

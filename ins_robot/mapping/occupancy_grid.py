@@ -18,13 +18,14 @@ from numpy.typing import NDArray
 from ins_robot.config import MapConfig
 from ins_robot.geometry.angles import FloatArray
 from ins_robot.geometry.pose2 import Pose2
+from ins_robot.mapping.cell_states import KNOWN_LOG_ODDS, OCCUPIED_LOG_ODDS, solid, unknown
 from ins_robot.mapping.evidence_sums import UNIT, limit_units, steps_of
-from ins_robot.mapping.kept_layer import Changes, KeptLayer
-from ins_robot.mapping.neighbourhood import grown
+from ins_robot.mapping.kept_layer import Part
 from ins_robot.mapping.ray_cast import cast_rays
 from ins_robot.mapping.scan_footprint import ScanFootprint, draw_scan
 from ins_robot.mapping.silence import Silence, SilenceRules, read_silence
-from ins_robot.mapping.wall_points import NearReadings, wall_points
+from ins_robot.mapping.wall_distances import CLEARANCE_UP_TO_M, WallDistances
+from ins_robot.mapping.wall_points import RINGS_M
 from ins_robot.messages import LaserScan
 
 if TYPE_CHECKING:
@@ -32,14 +33,8 @@ if TYPE_CHECKING:
 
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
-Float32Array = NDArray[np.float32]
 
 BLOCK_CELLS = 64
-KNOWN_LOG_ODDS = 0.05  # less evidence than this says nothing (the weakest miss is 0.1)
-OCCUPIED_LOG_ODDS = 0.2  # one weak far hit is not yet a wall
-CLEARANCE_UP_TO_M = 2.5  # more than the widest body needs; farther from walls nobody asks
-EXACT_BELOW_M = 0.35  # clearance below this is told by readings, above it by cells
-CORNERS = np.array([[-0.5, -0.5], [-0.5, 0.5], [0.5, -0.5], [0.5, 0.5]])
 
 
 class OccupancyGrid:
@@ -55,21 +50,21 @@ class OccupancyGrid:
         Crossed by silent beams nearby: a doorway to a large room, or a glass door.
     origin_m : (x, y)
         Outer corner of cell (0, 0), in the map frame.
+    distances : WallDistances
+        Its distances to walls, and to what may be walled.
     """
 
     def __init__(self, resolution_m: float, config: MapConfig) -> None:
         self.resolution_m = resolution_m
-        self._config = config
+        self.config = config
         self._corner = (0, 0)  # lattice (row, col) of cell (0, 0)
         self.log_odds: NDArray[np.float32] = np.zeros((BLOCK_CELLS, BLOCK_CELLS), np.float32)
         self._corner = (-BLOCK_CELLS // 2, -BLOCK_CELLS // 2)
         self.is_quiet = np.zeros(self.log_odds.shape, bool)
-        self._near = NearReadings()
         self._distance_m: FloatArray | None = None
-        self._changes = Changes()
-        self._clearance = KeptLayer(CLEARANCE_UP_TO_M)
-        self._doubt = KeptLayer(CLEARANCE_UP_TO_M)
+        self.distances = WallDistances()
         self._walls: cKDTree | None = None
+        self._known_cells = 0
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -110,6 +105,11 @@ class OccupancyGrid:
         values = np.zeros(inside.shape)
         values[inside] = self.log_odds[cells[inside][:, 0], cells[inside][:, 1]]
         return values
+
+    @property
+    def known_m2(self) -> float:
+        """Area of the cells that are free or occupied."""
+        return self._known_cells * self.resolution_m**2
 
     @property
     def is_occupied(self) -> BoolArray:
@@ -158,70 +158,32 @@ class OccupancyGrid:
         Cached until the grid changes.
         """
         if self._walls is None:
-            self._walls = self._walls_within(slice(0, self.shape[0]), slice(0, self.shape[1]))
+            self._walls = self.distances.walls_within(self, self._whole)
         return self._walls
 
-    def _walls_within(self, rows: slice, cols: slice) -> cKDTree:
-        """Those of some cells, and of no others."""
-        from scipy.spatial import cKDTree
+    def walls_near(self, points_m: FloatArray) -> cKDTree:
+        """Those no farther than WALLS_NEAR_M from points (N, 2), and some more."""
+        return self.distances.walls_near(self, points_m)
 
-        low = np.array([rows.start, cols.start])
-        is_occupied = self.log_odds[rows, cols] > OCCUPIED_LOG_ODDS
-        points, ranges, counts = self._near.all()
-        cells = self.cells(points) - low
-        drawn = ((cells >= 0) & (cells < is_occupied.shape)).all(axis=-1)
-        seen, told = wall_points(
-            points[drawn], ranges[drawn], counts[drawn], cells[drawn], is_occupied
-        )
-        corners = self.metres(np.argwhere(is_occupied & ~told) + low)[:, None] + (
-            self.resolution_m * CORNERS
-        )
-        is_hidden = (
-            solid(self.log_odds[rows, cols], self.is_quiet[rows, cols]) & ~is_occupied & ~told
-        )
-        hidden = self.metres(np.argwhere(is_hidden) + low)
-        return cKDTree(np.concatenate([seen, corners.reshape(-1, 2), hidden]))
+    @property
+    def _whole(self) -> Part:
+        return slice(0, self.shape[0]), slice(0, self.shape[1])
 
-    def clearance_m(self) -> FloatArray:
-        """(H, W) from a cell's centre to the nearest solid surface, up to CLEARANCE_UP_TO_M.
+    def clearance_m(self, up_to_m: float = CLEARANCE_UP_TO_M) -> FloatArray:
+        """(H, W) from a cell's centre to the nearest solid surface, up to `up_to_m` or more.
 
         Told by readings where somebody may drive, by cells where nobody can have been. Only
         what has changed is worked out again; the array is read-only.
         """
-        return self._clearance.on(self, self._changes, self._clearance_within)
+        return self.distances.clearance_m(self, self._whole, up_to_m)
 
-    def doubt_m(self) -> FloatArray:
+    def doubt_m(self, up_to_m: float = CLEARANCE_UP_TO_M) -> FloatArray:
         """(H, W) between a cell's centre and the nearest centre of one that may be walled.
 
         A wall that nobody has hit yet may run through the last free cell before the unknown.
-        Up to CLEARANCE_UP_TO_M; only what has changed is worked out again; read-only.
+        Up to `up_to_m` or more; only what has changed is worked out again; read-only.
         """
-        return self._doubt.on(self, self._changes, self._doubt_within)
-
-    def _clearance_within(self, rows: slice, cols: slice) -> FloatArray:
-        from scipy.ndimage import distance_transform_edt
-
-        odds = self.log_odds[rows, cols]
-        is_solid = solid(odds, self.is_quiet[rows, cols])
-        clearance = np.full(odds.shape, np.inf)
-        if is_solid.any():
-            clearance = distance_transform_edt(~is_solid, sampling=self.resolution_m)
-            clearance -= 0.5 * self.resolution_m
-            asked = (clearance < EXACT_BELOW_M) & (clearance > 0.0)
-            asked &= self.is_quiet[rows, cols] | ~unknown(odds)
-            at = np.argwhere(asked)
-            centres = self.metres(at + np.array([rows.start, cols.start]))
-            clearance[at[:, 0], at[:, 1]], _ = self._walls_within(rows, cols).query(centres)
-        return clearance
-
-    def _doubt_within(self, rows: slice, cols: slice) -> FloatArray:
-        from scipy.ndimage import distance_transform_edt
-
-        odds = self.log_odds[rows, cols]
-        is_doubtful = grown(unknown(odds), corners=False) & (odds <= OCCUPIED_LOG_ODDS)
-        if not is_doubtful.any():
-            return np.full(odds.shape, np.inf)
-        return np.asarray(distance_transform_edt(~is_doubtful, sampling=self.resolution_m))
+        return self.distances.doubt_m(self, self._whole, up_to_m)
 
     def integrate(
         self, scan: LaserScan, map_from_lrf: Pose2, range_trusted_m: float
@@ -248,9 +210,9 @@ class OccupancyGrid:
         Wide silence ends before the walls known here, or at `wall_m` (B,) if those are given.
         """
         rules = SilenceRules(
-            near_m=min(range_trusted_m, self._config.silent_free_m),
+            near_m=min(range_trusted_m, self.config.silent_free_m),
             trusted_m=range_trusted_m,
-            wide_rad=math.radians(self._config.silent_wide_deg),
+            wide_rad=math.radians(self.config.silent_wide_deg),
         )
         silence = read_silence(scan, rules)
         if wall_m is None and silence.wide_m.any():
@@ -261,12 +223,15 @@ class OccupancyGrid:
             self.resolution_m,
             silence,
             wall_m,
-            self._config.beam_max_m,
+            self.config.beam_max_m,
         )
 
     def keep_readings(self, scan: LaserScan, map_from_lrf: Pose2) -> None:
         """What a scan knows of walls, finer than cells."""
-        self._near.add(scan, map_from_lrf)
+        self.distances.near.add(scan, map_from_lrf)
+        reach = math.ceil(RINGS_M[-1] / self.resolution_m) + 1
+        row, col = (self.cells(map_from_lrf.as_array()[:2]) + self._corner - reach).tolist()
+        self._forget((row, col), (2 * reach + 1, 2 * reach + 1))
 
     def _wall_m(
         self, scan: LaserScan, silence: Silence, map_from_lrf: Pose2, reach_m: float
@@ -302,11 +267,22 @@ class OccupancyGrid:
             return
         row, col = self._grow_to(footprint.corner, (height, width))
         window = self.log_odds[row : row + height, col : col + width]
-        self.is_quiet[row : row + height, col : col + width] |= footprint.is_quiet
-        step = steps_of(footprint, self._config) * np.float32(UNIT)
-        limit = np.float32(limit_units(self._config) * UNIT)
+        is_quiet = self.is_quiet[row : row + height, col : col + width]
+        before, was_quiet = window.copy(), is_quiet.copy()
+        is_quiet |= footprint.is_quiet
+        step = steps_of(footprint, self.config) * np.float32(UNIT)
+        limit = np.float32(limit_units(self.config) * UNIT)
         np.clip(window + step, -limit, limit, out=window)
-        self._forget(footprint.corner, (height, width))
+        self._known_cells += int(unknown(before).sum()) - int(unknown(window).sum())
+        changed = (
+            (is_quiet != was_quiet)
+            | ((before > OCCUPIED_LOG_ODDS) != (window > OCCUPIED_LOG_ODDS))
+            | ((before < -KNOWN_LOG_ODDS) != (window < -KNOWN_LOG_ODDS))
+        )
+        rows, cols = (np.flatnonzero(changed.any(axis=axis)) for axis in (1, 0))
+        if len(rows):
+            first = (footprint.corner[0] + int(rows[0]), footprint.corner[1] + int(cols[0]))
+            self._forget(first, (int(np.ptp(rows)) + 1, int(np.ptp(cols)) + 1))
 
     def make_room(self, corner: tuple[int, int], end: tuple[int, int]) -> None:
         """Grow to hold the lattice cells from `corner` to before `end`."""
@@ -327,14 +303,16 @@ class OccupancyGrid:
             last = min(corner[i] + log_odds.shape[i], self._corner[i] + self.shape[i])
             ours.append(slice(first - self._corner[i], max(last - self._corner[i], 0)))
             theirs.append(slice(first - corner[i], max(last - corner[i], 0)))
+        self._known_cells += int(unknown(self.log_odds[tuple(ours)]).sum())
         self.log_odds[tuple(ours)] = log_odds[tuple(theirs)]
+        self._known_cells -= int(unknown(self.log_odds[tuple(ours)]).sum())
         self.is_quiet[tuple(ours)] = is_quiet[tuple(theirs)]
         self._forget(corner, log_odds.shape)
 
     def _forget(self, corner: tuple[int, int], size: tuple[int, ...]) -> None:
         """What was made from the cells of a lattice window is out of date."""
         self._distance_m = self._walls = None
-        self._changes.add(corner, (size[0], size[1]))
+        self.distances.changes.add(corner, (size[0], size[1]))
 
     def _grow_to(self, corner: tuple[int, int], size: tuple[int, int]) -> tuple[int, int]:
         """Make room for a lattice window; returns its first cell."""
@@ -348,6 +326,7 @@ class OccupancyGrid:
         ]
         shape = (high[0] - low[0], high[1] - low[1])
         if shape != self.shape:
+            self.distances.open_sides(self, low, high)
             row, col = self._corner[0] - low[0], self._corner[1] - low[1]
             after = (shape[0] - row - self.shape[0], shape[1] - col - self.shape[1])
             margins = ((row, after[0]), (col, after[1]))
@@ -355,14 +334,3 @@ class OccupancyGrid:
             self.is_quiet = np.pad(self.is_quiet, margins)
             self._corner = (low[0], low[1])
         return corner[0] - self._corner[0], corner[1] - self._corner[1]
-
-
-def unknown(log_odds: Float32Array) -> BoolArray:
-    """Neither free nor occupied."""
-    return (log_odds >= -KNOWN_LOG_ODDS) & (log_odds <= OCCUPIED_LOG_ODDS)
-
-
-def solid(log_odds: Float32Array, is_quiet: BoolArray) -> BoolArray:
-    """Occupied, or unknown right beside it where no silent beam has passed."""
-    occupied = log_odds > OCCUPIED_LOG_ODDS
-    return occupied | (unknown(log_odds) & grown(occupied) & ~is_quiet)

@@ -8,6 +8,8 @@ that. Readings from near know the surface to some millimetres; the nearer one co
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,44 +22,78 @@ RINGS_M = (0.5, 1.0, 2.0)  # the nearer ring tells of a surface before the next
 SAME_M = 0.05  # a reading from further this near to one from nearer adds nothing but its noise
 NEARER_SHARE = 0.5  # and only then: what one scan saw of one surface is not told apart
 ALONE_M, ALONE_RAD = 0.01, 0.035  # no other so near, or within two beams: a ghost
+TILE_M = 3.2  # edge of the squares in which readings are kept
 THIN_M = 0.01  # one reading per square of this size is enough
 
 BoolArray = NDArray[np.bool_]
 
 
+_Readings = tuple[FloatArray, FloatArray, NDArray[np.int64]]
+
+
 class NearReadings:
-    """End points of near readings in the map frame: the nearest one of each small square."""
+    """End points of near readings in the map frame: the nearest one of each small square.
+
+    Kept in tiles, so that neither adding nor asking costs what is known elsewhere.
+    """
 
     def __init__(self) -> None:
-        self._points = np.zeros((0, 2))
-        self._ranges = np.zeros(0)
-        self._counts = np.zeros(0, np.int64)
+        self._tiles: dict[tuple[int, int], _Readings] = {}
         self._new: list[tuple[LaserScan, Pose2]] = []
 
     def add(self, scan: LaserScan, map_from_lrf: Pose2) -> None:
         """Take a scan in, taken at `map_from_lrf`; it is looked at when asked for."""
         self._new.append((scan, map_from_lrf))
 
-    def all(self) -> tuple[FloatArray, FloatArray, NDArray[np.int64]]:
-        """(N, 2) end points, (N,) the ranges they were seen from, and (N,) how often."""
-        if self._new:
-            seen = [_near_ends(scan, map_from_lrf) for scan, map_from_lrf in self._new]
-            points = np.concatenate([self._points, *(points for points, _ in seen)])
-            ranges = np.concatenate([self._ranges, *(ranges for _, ranges in seen)])
-            fresh = np.ones(len(points) - len(self._counts), np.int64)
-            counts = np.concatenate([self._counts, fresh])
-            self._new.clear()
-            squares = np.floor(points / THIN_M).astype(np.int64)
-            order = np.lexsort((ranges, squares[:, 1], squares[:, 0]))
-            squares = squares[order]
-            first = np.ones(len(order), bool)
-            first[1:] = (squares[1:] != squares[:-1]).any(axis=1)
-            kept = order[first]
-            if len(kept):
-                counts[kept] = np.add.reduceat(counts[order], np.flatnonzero(first))
-            kept = np.sort(kept)
-            self._points, self._ranges, self._counts = points[kept], ranges[kept], counts[kept]
-        return self._points, self._ranges, self._counts
+    def within(self, low_m: FloatArray, high_m: FloatArray) -> _Readings:
+        """(N, 2) end points, (N,) the ranges they were seen from, and (N,) how often.
+
+        All of a box from `low_m` (2,) to `high_m` (2,), and some around.
+        """
+        self._take_in()
+        first, last = (np.floor(m / TILE_M).astype(int).tolist() for m in (low_m, high_m))
+        found = [_NONE]
+        for key in product(range(first[0], last[0] + 1), range(first[1], last[1] + 1)):
+            if key in self._tiles:
+                found.append(self._tiles[key])
+        points, ranges, counts = zip(*found, strict=True)
+        return np.concatenate(points), np.concatenate(ranges), np.concatenate(counts)
+
+    def _take_in(self) -> None:
+        """Sort new readings into their tiles."""
+        if not self._new:
+            return
+        seen = [_near_ends(scan, map_from_lrf) for scan, map_from_lrf in self._new]
+        self._new.clear()
+        points = np.concatenate([points for points, _ in seen])
+        ranges = np.concatenate([ranges for _, ranges in seen])
+        tiles = np.floor(points / TILE_M).astype(np.int64)
+        keys, of = np.unique(tiles, axis=0, return_inverse=True)
+        for number, (i, j) in enumerate(keys.tolist()):
+            new = np.flatnonzero(of.reshape(-1) == number)
+            old = self._tiles.get((i, j), _NONE)
+            self._tiles[i, j] = _thinned(
+                np.concatenate([old[0], points[new]]),
+                np.concatenate([old[1], ranges[new]]),
+                np.concatenate([old[2], np.ones(len(new), np.int64)]),
+            )
+
+
+_NONE: _Readings = (np.zeros((0, 2)), np.zeros(0), np.zeros(0, np.int64))
+
+
+def _thinned(points: FloatArray, ranges: FloatArray, counts: NDArray[np.int64]) -> _Readings:
+    """Of each small square the nearest reading, with all that are counted there."""
+    squares = np.floor(points / THIN_M).astype(np.int64)
+    order = np.lexsort((ranges, squares[:, 1], squares[:, 0]))
+    squares = squares[order]
+    first = np.ones(len(order), bool)
+    first[1:] = (squares[1:] != squares[:-1]).any(axis=1)
+    kept = order[first]
+    counts = counts.copy()
+    counts[kept] = np.add.reduceat(counts[order], np.flatnonzero(first))
+    kept = np.sort(kept)
+    return points[kept], ranges[kept], counts[kept]
 
 
 def _near_ends(scan: LaserScan, map_from_lrf: Pose2) -> tuple[FloatArray, FloatArray]:

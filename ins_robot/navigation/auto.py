@@ -24,9 +24,14 @@ SAME_SIDE_RAD = math.radians(30.0)  # looks at a place from so near the same sid
 NEARER = 0.6  # unless it is this much nearer
 SIGHT_M = 4.0  # unseen ground is not counted on from farther away
 PITCH_M = 0.4  # places compared lie this far apart
-BATCH = 150  # demands looked at together, nearest first
+BATCH = 150  # demands looked at together, nearest first: by the way as far as REACH_M
 FINE_SIGHT_M, FINE_PITCH_M, FINE_BATCH = 6.0, 0.1, 40  # when nothing shows: through keyholes
 AREA_POWER = 0.7  # below 1: small pockets are closed while they are near
+REACH_M = 6.0  # places are looked for so far around first
+WIDER = 2.0  # and then so many times as far at most
+VIEW_MAX_M2 = 5.0  # places farther on are taken to show no more; few do (6.2 was seen)
+
+_Found = tuple[Aim, float]  # and what it is worth
 
 
 class Auto:
@@ -34,20 +39,30 @@ class Auto:
 
     name = "auto"
     replan_m = math.inf  # until what it came for is seen: choosing anew each metre dithers
+    reach_m = REACH_M
 
     def __init__(self, *, is_alone: bool = True) -> None:
         """Without others that do the rest, `is_alone`, it also looks through keyholes."""
         self._is_alone = is_alone
 
     def aim(self, outlook: Outlook) -> Aim | None:
-        """None when no place shows anything unseen."""
-        times = max(1, round(CELL_M / outlook.resolution_m))
-        if times == 1:
-            return self._aim(outlook)
-        aim = self._aim(coarsened(outlook, times))
-        return None if aim is None else refined(outlook, aim, times)
+        """None when no place shows anything unseen.
 
-    def _aim(self, outlook: Outlook) -> Aim | None:
+        Looks farther around while a place there could be better.
+        """
+        times = max(1, round(CELL_M / outlook.resolution_m))
+        while True:
+            found = self._found(coarsened(outlook, times) if times > 1 else outlook)
+            asked_m = _better_within_m(found)
+            if outlook.wider is None or asked_m <= outlook.limit_m:
+                break
+            outlook = outlook.wider(min(asked_m, WIDER * outlook.limit_m))
+        if found is None:
+            return None
+        aim, _ = found
+        return refined(outlook, aim, times) if times > 1 else aim
+
+    def _found(self, outlook: Outlook) -> _Found | None:
         none = np.zeros((0, 2), np.int64)
         demands = demands_of(outlook, np.concatenate([none, *outlook.edges]))
         coarse = _look(outlook, demands, PITCH_M, SIGHT_M, BATCH)
@@ -58,24 +73,33 @@ class Auto:
         return _look(outlook, demands, FINE_PITCH_M, FINE_SIGHT_M, FINE_BATCH)
 
 
+def _better_within_m(found: _Found | None) -> float:
+    """No place to which the way is dearer than this can be worth more."""
+    return math.inf if found is None else VIEW_MAX_M2**AREA_POWER / found[1] - STOP_M
+
+
 def _look(
     outlook: Outlook, demands: Demands, pitch_m: float, sight_m: float, batch: int
-) -> Aim | None:
+) -> _Found | None:
     """The best of places so far apart, for the nearest demands that show from any."""
     pitch = max(1, round(pitch_m / outlook.resolution_m))
     places, near_m = _places(outlook, pitch)
     if len(places) == 0:
         return None
     edge = demands.edge_cells // pitch
-    order = np.argsort(near_m[edge[:, 0], edge[:, 1]], kind="stable")
+    way_m = near_m[edge[:, 0], edge[:, 1]]
+    away_m = np.hypot(*(demands.edge_cells - outlook.here).T) * outlook.resolution_m
+    order = np.argsort(np.where(way_m <= REACH_M, way_m, REACH_M + away_m), kind="stable")
     for first in range(0, len(order), batch):
-        aim = _best(outlook, places, demands.part(order[first : first + batch]), sight_m)
-        if aim is not None:
-            return aim
+        found = _best(outlook, places, demands.part(order[first : first + batch]), sight_m)
+        if found is not None:
+            return found
     return None
 
 
-def _best(outlook: Outlook, places: IndexArray, demands: Demands, sight_m: float) -> Aim | None:
+def _best(
+    outlook: Outlook, places: IndexArray, demands: Demands, sight_m: float
+) -> _Found | None:
     """The best of places (P, 2) for some demands; None when none of them shows from any."""
     reach = round(sight_m / outlook.resolution_m)
     low, high = demands.cells.min(axis=0) - reach, demands.cells.max(axis=0) + reach
@@ -96,12 +120,13 @@ def _best(outlook: Outlook, places: IndexArray, demands: Demands, sight_m: float
         return None
     shown = np.flatnonzero(shows[best])
     shown = shown[np.argsort(-demands.area_m2[shown], kind="stable")]
-    return Aim(
+    aim = Aim(
         cell=(int(places[best, 0]), int(places[best, 1])),
         targets=demands.edge_cells[shown],
         why=f"{area_m2[best]:.1f} m2 in view",
         heeds_looks=True,
     )
+    return aim, float(worth[best])
 
 
 def _looks_near(
@@ -125,19 +150,22 @@ def _drop_looked_at(
     From the same side and hardly farther away: what hid it then will hide it again. `was_seen`
     (K, D) says what should have shown from the looks.
     """
-    node, cell = np.nonzero(was_seen)
+    cell, node = np.nonzero(was_seen.T)
     ahead = cells[cell] + 0.5 - looks.cells[node]
     off = np.arctan2(ahead[:, 0], ahead[:, 1]) - looks.towards_rad[node]
     was_turned_to = np.abs(wrap_rad(off)) < looks.half_rad[node]
-    cell, ahead = cell[was_turned_to], ahead[was_turned_to]
-    for this in np.unique(cell).tolist():
-        old, shown = ahead[cell == this], np.flatnonzero(shows[:, this])
-        new = cells[this] - places[shown]
-        far, was_far = np.hypot(*new.T)[:, None], np.hypot(*old.T)
-        same = (new @ old.T >= math.cos(SAME_SIDE_RAD) * far * was_far) & (
-            far >= NEARER * was_far
-        )
-        shows[shown[same.any(axis=1)], this] = False
+    cell, old = cell[was_turned_to], ahead[was_turned_to]
+    counts = np.bincount(cell, minlength=len(cells))
+    place, shown = np.nonzero(shows)
+    pair = np.repeat(np.arange(len(place)), counts[shown])  # each with all looks at its cell
+    nth = np.arange(len(pair)) - np.repeat(np.cumsum(counts[shown]), counts[shown])
+    old = old[nth + np.cumsum(counts)[shown[pair]]]
+    new = (cells[shown] - places[place])[pair]
+    far, was_far = np.hypot(*new.T), np.hypot(*old.T)
+    same = ((new * old).sum(axis=1) >= math.cos(SAME_SIDE_RAD) * far * was_far) & (
+        far >= NEARER * was_far
+    )
+    shows[place[pair[same]], shown[pair[same]]] = False
 
 
 def _places(outlook: Outlook, pitch: int) -> tuple[IndexArray, np.ndarray]:

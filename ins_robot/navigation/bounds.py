@@ -88,6 +88,12 @@ class Bounds:
             refuse(contains(corners_m, points_m), GapState.NO_GO, why)
         return found
 
+    def masks(
+        self, start: Pose2, pose: Pose2, grid: OccupancyGrid
+    ) -> tuple[BoolArray | None, BoolArray | None]:
+        """Drivable and wanted cells of a grid, for a robot now at `pose`."""
+        return self.drivable_cells(start, grid, pose), self.wanted_cells(start, grid)
+
     def wanted_cells(self, start: Pose2, grid: OccupancyGrid) -> BoolArray | None:
         """(H, W) bool: cells worth exploring; None: everywhere."""
         if self.are_open:

@@ -93,25 +93,38 @@ def shows_from(
     is_opaque = np.pad(outlook.is_opaque, reach + 1, constant_values=True)
     width = is_opaque.shape[1]
     flat = (cells[:, 0] + reach + 1) * width + cells[:, 1] + reach + 1
-    along = flat.astype(np.int32)[:, None, None] + _ray_offsets(samples, stride, width)
-    stops = is_opaque.reshape(-1).take(along)
-    free = np.where(stops.any(axis=2), stops.argmax(axis=2), samples) * stride
-    apart = places[:, None] - cells[None]
-    is_near = (np.abs(apart) <= reach).all(axis=2)
+    is_clear = ~is_opaque.reshape(-1)
+    goes_on = np.ones((len(cells), RAYS), bool)
+    free = np.zeros(goes_on.shape)
+    for rows, cols in zip(*_along_rays(samples, stride), strict=True):  # all rays a step on
+        goes_on &= is_clear.take(flat[:, None] + (rows * width + cols))
+        free += goes_on
+    far = np.minimum(stride * (free + 0.5), reach)
+    place, cell = _pairs_near(places, cells, reach)
+    row, col = (places[place] - cells[cell] + reach).T
     distance, ray = _window(reach)
-    row, col = (np.where(is_near, apart[..., axis] + reach, 0) for axis in (0, 1))
-    far = free[np.arange(len(cells)), ray[row, col]]
-    return np.asarray(is_near & (distance[row, col] <= np.minimum(far + 0.5 * stride, reach)))
+    shows = np.zeros((len(places), len(cells)), bool)
+    shows[place, cell] = distance[row, col] <= far[cell, ray[row, col]]
+    return shows
 
 
-@lru_cache(maxsize=64)
-def _ray_offsets(samples: int, stride: int, width: int) -> NDArray[np.int32]:
-    """(RAYS, samples) flat offsets of the cells along rays from a cell's centre."""
-    bearings = 2.0 * np.pi * np.arange(RAYS)[:, None] / RAYS
-    along = stride * (1.0 + np.arange(samples))
+def _pairs_near(
+    places: IndexArray, cells: IndexArray, reach: int
+) -> tuple[IndexArray, IndexArray]:
+    """Indices (N,), (N,) of places (P, 2) and cells (D, 2) no farther apart, axis by axis."""
+    apart = places.astype(np.int32)[:, None] - cells.astype(np.int32)[None]
+    place, cell = np.nonzero((np.abs(apart) <= reach).all(axis=2))
+    return place, cell
+
+
+@lru_cache(maxsize=4)
+def _along_rays(samples: int, stride: int) -> tuple[IndexArray, IndexArray]:
+    """(samples, RAYS) offsets in rows and columns along rays from a cell's centre."""
+    bearings = 2.0 * np.pi * np.arange(RAYS) / RAYS
+    along = stride * (1.0 + np.arange(samples)[:, None])
     rows = np.floor(0.5 + np.sin(bearings) * along)
     cols = np.floor(0.5 + np.cos(bearings) * along)
-    return np.asarray(rows * width + cols, np.int32)
+    return rows.astype(np.int64), cols.astype(np.int64)
 
 
 @lru_cache(maxsize=4)

@@ -46,11 +46,13 @@ class DrivenWays:
         if node.came_from is not None:
             origin = self._graph.nodes[node.came_from].pose
             node.came_by_m = origin.inverse().apply(way_m)
+            node.way_m = float(np.hypot(*np.diff(node.came_by_m, axis=0).T).sum())
+            node.home_m = self._graph.nodes[node.came_from].home_m + node.way_m
         self._since_node_m.clear()
 
-    def places_m(self) -> FloatArray:
-        """(N, 2) all places driven through, densely, map frame."""
-        return np.concatenate([self._graph.driven_m(), *self._since_node_m])
+    def places_m(self, low_m: FloatArray, high_m: FloatArray) -> FloatArray:
+        """(N, 2) all places driven through in a box, and more; densely, map frame."""
+        return np.concatenate([self._graph.driven_m(low_m, high_m), *self._since_node_m])
 
     def _add(self, path_m: FloatArray, until_m: FloatArray) -> None:
         """Note a path as driven up to its place nearest to where the robot is."""

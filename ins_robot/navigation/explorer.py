@@ -9,6 +9,7 @@ Scan, pose and map in; `Drive` or `Finished` out. Pure: same calls, same answers
 
 from __future__ import annotations
 
+import math
 from functools import partial
 from typing import Any
 
@@ -38,10 +39,10 @@ from ins_robot.navigation.progress import Progress
 from ins_robot.navigation.pursuit import Pursuit, Target
 from ins_robot.navigation.reach import Reach
 from ins_robot.navigation.scan_place import ScanPlaces
-from ins_robot.navigation.scene import Scene, look_around
+from ins_robot.navigation.scene import Scene
 from ins_robot.navigation.strategies import Candidate, Situation, make_strategy
 from ins_robot.navigation.terrain import BodyRules
-from ins_robot.navigation.trips import trip, way_m
+from ins_robot.navigation.trips import trip, way_home_m
 from ins_robot.navigation.unseen import STRIKES, BarrenEdges
 from ins_robot.navigation.way_home import WayHome
 
@@ -160,7 +161,7 @@ class Explorer:
         StateError
             When no known way leads there; nothing has changed then.
         """
-        scene = self._look_around(pose, grid)
+        scene = self._look_around(pose, grid, self._strategy.reach_m)
         if self.blindness.is_sure(pose, grid):
             raise StateError(f"goto: {self.blindness.why} nothing is driven to blindly")
         home = self.graph.nodes[0].pose
@@ -187,22 +188,19 @@ class Explorer:
 
     def _stand_and_look(self, pose: Pose2, grid: OccupancyGrid) -> Scene:
         self._pursuit.stands_at(pose)
-        return self._look_around(pose, grid)
+        return self._look_around(pose, grid, self._strategy.reach_m)
 
     def _explore_on(self, scene: Scene) -> Drive | Finished:
         """The next gap; none left: what was given up once more, then the end."""
         why = self._limit_reached()
         if why is not None:
             return self._end(scene, Ending(why, False))
-        if self._progress.is_stalled(
-            float(np.count_nonzero(~scene.grid.is_unknown)) * scene.grid.resolution_m**2
-        ):
+        if self._progress.is_stalled(scene.map.known_m2):
             self._pursuit.stalled(scene.pose)
         self._pursuit.learn_from_last_scan(scene)
         self._identify_neighbours(scene)
-        costs_m = self.graph.costs_from(len(self.graph) - 1)
         while True:
-            while (choice := self._choose(scene, costs_m)) is not None:
+            while (choice := self._choose(scene)) is not None:
                 if isinstance(choice, Aim):
                     drive = self._drive_for(scene, choice)
                 else:
@@ -233,7 +231,7 @@ class Explorer:
     def _end(self, scene: Scene, ending: Ending) -> Drive | Finished:
         """The way home before the end."""
         self._identify_neighbours(scene)
-        if not scene.grid.is_free.any():
+        if not scene.map.is_free.any():
             ending = Ending("the LRF shows no free ground here: is it covered?", False)
         step = self._home.step(scene, ending)
         if isinstance(step, str):
@@ -254,7 +252,7 @@ class Explorer:
     def _drive(
         self, scene: Scene, path: PlannedPath, node: Node, gap_id: int, reason: str
     ) -> Drive:
-        home_m = way_m(scene.terrain, self.graph.nodes[0].position_m)
+        home_m = way_home_m(scene, self.graph)
         return Drive(path=path, node_id=node.id, gap_id=gap_id, reason=reason, home_m=home_m)
 
     def report_failure(self, decision: Drive, why: str) -> None:
@@ -269,17 +267,18 @@ class Explorer:
         """`nodes` with their `gaps`, for graph.json."""
         return self.graph.as_json()
 
-    def _look_around(self, pose: Pose2, grid: OccupancyGrid) -> Scene:
-        start = self.graph.nodes[0].pose
-        return look_around(
-            grid,
-            pose,
-            self._body,
-            is_allowed=self.bounds.drivable_cells(start, grid, pose),
-            is_wanted=self.bounds.wanted_cells(start, grid),
-            edge_min_m=self._config.frontier_min_m,
+    def _look_around(
+        self, pose: Pose2, grid: OccupancyGrid, reach_m: float = math.inf
+    ) -> Scene:
+        return Scene(
+            pose=pose,
+            map=grid,
+            body=self._body,
+            limits=partial(self.bounds.masks, self.graph.nodes[0].pose, pose),
+            driven_m=self._ways.places_m,
             barren=self._barren,
-            driven_m=self._ways.places_m(),
+            edge_min_m=self._config.frontier_min_m,
+            reach_m=reach_m,
         )
 
     def _identify_neighbours(self, scene: Scene) -> None:
@@ -293,19 +292,20 @@ class Explorer:
         identify_neighbours(
             self.graph,
             self.graph.nodes[-1],
-            neighbour_range_m=self._config.neighbour_range_m,
+            neighbour_range_m=min(self._config.neighbour_range_m, scene.reach_m),
             robot_width_m=self._rules.robot_width_m,
             terrain=scene.terrain,
             is_seen=is_seen,
         )
 
-    def _choose(self, scene: Scene, costs_m: FloatArray) -> Candidate | Aim | None:
-        """The strategy's gap or place, given what it costs to get to each node."""
+    def _choose(self, scene: Scene) -> Candidate | Aim | None:
+        """The strategy's gap or place."""
+        newest = len(self.graph) - 1
         return self._strategy.choose(
             Situation(
                 graph=self.graph,
-                current=len(self.graph) - 1,
-                costs_m=costs_m,
+                current=newest,
+                costs_m=lambda: self.graph.costs_from(newest),
                 candidates=lambda: self._ledger.candidates(scene),
                 outlook=lambda: scene.outlook(self._range_m, self._vain, self.graph),
             )

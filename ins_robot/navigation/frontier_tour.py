@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from ins_robot.navigation.frontiers import aim_at, representatives
@@ -19,6 +21,7 @@ class FrontierTour:
 
     name = "tsp-frontier"
     replan_m = 1.0
+    reach_m = math.inf
 
     def aim(self, outlook: Outlook) -> Aim | None:
         """None when no edge is in reach."""

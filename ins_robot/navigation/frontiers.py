@@ -24,6 +24,7 @@ class NearestFrontier:
 
     name = "nearest-frontier"
     replan_m = math.inf
+    reach_m = math.inf
 
     def aim(self, outlook: Outlook) -> Aim | None:
         """None when no edge is in reach."""
@@ -39,6 +40,7 @@ class ExploreLite:
 
     name = "explore-lite"
     replan_m = 1.0
+    reach_m = math.inf
 
     def aim(self, outlook: Outlook) -> Aim | None:
         """The least of `3 distance resolution - length`; None when no edge is in reach."""
@@ -61,6 +63,7 @@ class NextBestView:
 
     name = "next-best-view"
     replan_m = 1.0
+    reach_m = math.inf
 
     def aim(self, outlook: Outlook) -> Aim | None:
         """The most of `area exp(-0.2 way)`; None when no edge is in reach."""

@@ -7,6 +7,7 @@ kept and asked for again only where the map has changed since.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -65,7 +66,11 @@ class GapLedger:
         return targets
 
     def is_seen(self, scene: Scene, node: Node, gap: Gap) -> bool:
-        """Whether nothing unseen shows from the gap."""
+        """Whether nothing unseen shows from the gap, as far as the scene tells."""
+        around_m = SIGHT_M + gap.width_m
+        return scene.holds(node.centroid_m(gap), around_m) and self._is_seen(scene, node, gap)
+
+    def _is_seen(self, scene: Scene, node: Node, gap: Gap) -> bool:
         return len(self.targets_m(scene, node, gap)) == 0
 
     def _has_changed(self, node: Node, gap: Gap) -> bool:
@@ -81,6 +86,7 @@ class GapLedger:
 
     def update(self, scene: Scene) -> None:
         """Look at every gap again; what was out of reach may have come into it."""
+        scene.widen(math.inf)
         scene.is_listed = True
         for _, gap in self._graph.gaps():
             if gap.state in PASSING and gap.failures < FAILURES_MAX:

@@ -42,6 +42,8 @@ class Node:
         Index of the node the robot drove from.
     came_by_m : (N, 2) float64
         The way driven, densely, in the frame of `came_from`; empty when not known.
+    way_m, home_m : float
+        Lengths of `came_by_m`, and of the way home as it was known when the robot was here.
     neighbours : dict
         Index of each neighbour, and the cost of the way there in metres.
     """
@@ -56,6 +58,8 @@ class Node:
     gaps: list[Gap]
     came_from: int | None = None
     came_by_m: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
+    way_m: float = 0.0
+    home_m: float = 0.0
     neighbours: dict[int, float] = field(default_factory=dict)
 
     @property
@@ -117,11 +121,19 @@ class NodeGraph:
         """(K, 2) map frame."""
         return np.array([[n.pose.x_m, n.pose.y_m] for n in self.nodes]).reshape(-1, 2)
 
-    def driven_m(self) -> FloatArray:
-        """(N, 2) places on the ways driven between nodes, map frame; as dense as stored."""
+    def driven_m(
+        self, low_m: FloatArray | float = -math.inf, high_m: FloatArray | float = math.inf
+    ) -> FloatArray:
+        """(N, 2) places on the ways driven between nodes, map frame; as dense as stored.
+
+        Those of ways that lead through a box from `low_m` (2,) to `high_m` (2,), and more.
+        """
+        reach_m = np.array([node.way_m for node in self.nodes])[:, None]
+        from_m = self.positions_m()[[node.came_from or 0 for node in self.nodes]]
+        is_near = ((from_m + reach_m >= low_m) & (from_m - reach_m <= high_m)).all(axis=1)
         ways = [
             self.nodes[node.came_from].pose.apply(node.came_by_m)
-            for node in self.nodes
+            for node in map(self.nodes.__getitem__, np.flatnonzero(is_near).tolist())
             if node.came_from is not None
         ]
         return np.concatenate([np.zeros((0, 2)), *ways])

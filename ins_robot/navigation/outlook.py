@@ -7,6 +7,8 @@ that a strategy runs in both unchanged. Cells are (row, col).
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -73,6 +75,10 @@ class Outlook:
         A scan that is expected to show no more adds nothing.
     looks : PastLooks
         What is unseen though it was looked at: another scan from there will not show it either.
+    limit_m : float
+        Dearer ways are not known yet, and places to which they lead not all.
+    wider : callable or None
+        Gives an outlook with all ways as dear as told; None: there is no more.
     """
 
     resolution_m: float
@@ -88,6 +94,8 @@ class Outlook:
     short_edges: tuple[IndexArray, ...] = ()
     gain_min_m2: float = 0.0
     looks: PastLooks = field(default_factory=PastLooks.none)
+    limit_m: float = math.inf
+    wider: Callable[[float], Outlook] | None = None
 
     @cached_property
     def cost_near_m(self) -> FloatArray:

@@ -8,9 +8,12 @@ staircase had; the heading turns evenly along the way to the one wanted at the g
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from functools import cache
 from itertools import pairwise
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from ins_robot.geometry.angles import FloatArray, wrap_rad
 from ins_robot.geometry.pose2 import Pose2
@@ -107,13 +110,14 @@ def way_points_m(terrain: Terrain, start: Pose2, cells: IndexArray) -> FloatArra
     tight = np.flatnonzero(~is_odd & (room < terrain.body.keep_m))
     points[tight], room[tight] = roomiest_places(terrain.grid, cells[tight])
     points[0] = start.x_m, start.y_m
+    walls = cache(lambda: terrain.grid.walls_near(points))
     fixed = np.flatnonzero(is_odd[1:-1]) + 1
     kept = [0]
     for stop in [*fixed.tolist(), len(points) - 1]:
         if stop == kept[-1]:
             continue
         stretch = slice(kept[-1], stop + 1)
-        straight = _pull_straight(terrain, points[stretch], room[stretch])
+        straight = _pull_straight(terrain, points[stretch], room[stretch], walls)
         base = kept[-1]
         kept.extend(base + index for index in straight[1:])
     return points[kept]
@@ -140,7 +144,9 @@ def dense_points_m(points_m: FloatArray, step_m: float) -> FloatArray:
     return np.concatenate(pieces)
 
 
-def _pull_straight(terrain: Terrain, points: FloatArray, room: FloatArray) -> list[int]:
+def _pull_straight(
+    terrain: Terrain, points: FloatArray, room: FloatArray, walls: Callable[[], cKDTree]
+) -> list[int]:
     """Indices of the way points kept: from each the farthest one that a straight line reaches.
 
     `room` (N,) is what there is at the points (N, 2).
@@ -157,7 +163,7 @@ def _pull_straight(terrain: Terrain, points: FloatArray, room: FloatArray) -> li
         bad = last + 1
         while good < last:
             tried = min(here + step, last)
-            if not _is_clear(terrain, points, room, here, tried):
+            if not _is_clear(terrain, points, room, (here, tried), walls):
                 bad = tried
                 break
             good, step = tried, 2 * step
@@ -165,7 +171,7 @@ def _pull_straight(terrain: Terrain, points: FloatArray, room: FloatArray) -> li
             tried = (good + bad) // 2
             if tried > last:
                 break
-            if _is_clear(terrain, points, room, here, tried):
+            if _is_clear(terrain, points, room, (here, tried), walls):
                 good = tried
             else:
                 bad = tried
@@ -173,8 +179,15 @@ def _pull_straight(terrain: Terrain, points: FloatArray, room: FloatArray) -> li
     return kept
 
 
-def _is_clear(terrain: Terrain, points: FloatArray, room: FloatArray, a: int, b: int) -> bool:
-    """Whether the line from point a to point b is drivable and as roomy as the way between."""
+def _is_clear(
+    terrain: Terrain,
+    points: FloatArray,
+    room: FloatArray,
+    ends: tuple[int, int],
+    walls: Callable[[], cKDTree],
+) -> bool:
+    """Whether the line between two points is drivable and as roomy as the way there."""
+    a, b = ends
     length = math.hypot(*(points[b] - points[a]))
     count = max(2, math.ceil(length / (SAMPLE_CELLS * terrain.grid.resolution_m)))
     share = np.linspace(0.0, 1.0, count + 1)[:, None]
@@ -186,6 +199,4 @@ def _is_clear(terrain: Terrain, points: FloatArray, room: FloatArray, a: int, b:
     least = float(room[a : b + 1].min())
     needed = min(least, max(least - ROUNDING_M, terrain.body.keep_m))
     near = terrain.clearance_m[rows, cols] < needed + terrain.grid.resolution_m
-    return not near.any() or bool(
-        (terrain.grid.walls().query(line[near])[0] >= needed - SAME_ROOM_M).all()
-    )
+    return not near.any() or bool((walls().query(line[near])[0] >= needed - SAME_ROOM_M).all())

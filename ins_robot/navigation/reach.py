@@ -10,7 +10,7 @@ import numpy as np
 
 from ins_robot.geometry.angles import FloatArray
 from ins_robot.geometry.pose2 import Pose2
-from ins_robot.mapping.occupancy_grid import KNOWN_LOG_ODDS, OCCUPIED_LOG_ODDS
+from ins_robot.mapping.cell_states import KNOWN_LOG_ODDS, OCCUPIED_LOG_ODDS
 from ins_robot.navigation.bounds import Bounds
 from ins_robot.navigation.gaps import GapState
 from ins_robot.navigation.scene import Scene

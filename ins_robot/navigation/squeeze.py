@@ -39,7 +39,10 @@ def roomiest_places(grid: OccupancyGrid, cells: IndexArray) -> tuple[FloatArray,
     steps = ((np.arange(SUB_PLACES) + 0.5) / SUB_PLACES - 0.5) * grid.resolution_m
     shifts = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
     places = grid.metres(cells)[:, None] + shifts
-    room = grid.walls().query(places.reshape(-1, 2))[0].reshape(len(cells), len(shifts))
+    if len(cells) == 0:
+        return places[:, 0], np.zeros(0)
+    walls = grid.walls_near(places.reshape(-1, 2))
+    room = walls.query(places.reshape(-1, 2))[0].reshape(len(cells), len(shifts))
     each, best = np.arange(len(cells)), room.argmax(axis=1)
     return places[each, best], room[each, best]
 
@@ -47,7 +50,7 @@ def roomiest_places(grid: OccupancyGrid, cells: IndexArray) -> tuple[FloatArray,
 def _between_walls(grid: OccupancyGrid, body: BodyRules, is_unseen: BoolArray) -> BoolArray:
     """(H, W) free cells too near to walls, on or beside a ridge of the distance to them."""
     resolution = grid.resolution_m
-    clearance = grid.clearance_m()
+    clearance = grid.clearance_m(body.wide_m)
     needed = body.radius_m + MARGIN_CELLS * resolution
     is_quiet = grid.is_unknown & grid.is_quiet
     is_band = (grid.is_free | is_quiet) & (clearance >= body.radius_m - resolution)

@@ -32,8 +32,6 @@ class Situation:
     ----------
     current : int
         Index of the node the robot is at, or was last.
-    costs_m : (K,) float64
-        Travel-cost map: from the current node to every node; inf where no way is known.
     """
 
     def __init__(
@@ -41,21 +39,27 @@ class Situation:
         *,
         graph: NodeGraph,
         current: int,
-        costs_m: FloatArray,
+        costs_m: Callable[[], FloatArray],
         candidates: Callable[[], Collection[Candidate]],
         outlook: Callable[[], Outlook],
     ) -> None:
-        self.graph, self.current, self.costs_m = graph, current, costs_m
+        self.graph, self.current = graph, current
+        self._find_costs_m = costs_m
         self._find_candidates, self._find_outlook = candidates, outlook
+
+    @cached_property
+    def costs_m(self) -> FloatArray:
+        """(K,) travel-cost map: from the current node to every node; inf: no way is known."""
+        return self._find_costs_m()
 
     @cached_property
     def candidates(self) -> Collection[Candidate]:
         """Unexplored passable gaps."""
         return self._find_candidates()
 
-    @cached_property
+    @property
     def outlook(self) -> Outlook:
-        """Grid, ground and edges."""
+        """Grid, ground and edges, as far around as has been looked."""
         return self._find_outlook()
 
     def of_node(self, index: int) -> list[Gap]:
@@ -66,11 +70,13 @@ class Situation:
 class Strategy(Protocol):
     """A way to choose.
 
-    `replan_m`: a robot that scans on the way chooses anew after so much of it.
+    `replan_m`: a robot that scans on the way chooses anew after so much of it. `reach_m`: ways
+    no dearer are looked for first, and farther on only when asked; inf: everywhere at once.
     """
 
     name: str
     replan_m: float
+    reach_m: float
 
     def choose(self, situation: Situation) -> Candidate | Aim | None:
         """Where to scan next; None when there is nothing left."""
@@ -84,6 +90,7 @@ class PlaceChooser(Protocol):
 
     name: str
     replan_m: float
+    reach_m: float
 
     def aim(self, outlook: Outlook) -> Aim | None:
         """The place to scan from; None when no edge is worth it."""
@@ -94,18 +101,18 @@ class OnOutlook:
 
     def __init__(self, chooser: PlaceChooser) -> None:
         self.name, self.replan_m = chooser.name, chooser.replan_m
+        self.reach_m = chooser.reach_m
         self._chooser = chooser
         self._rest = CheapestNode("min-gap", narrowest)
         self._exhausted: Outlook | None = None  # nothing was found on it: not asked twice
 
     def choose(self, situation: Situation) -> Candidate | Aim | None:
         """A place while there is one, then a gap."""
-        outlook = situation.outlook
-        if outlook is not self._exhausted:
-            aim = self._chooser.aim(outlook)
+        if situation.outlook is not self._exhausted:
+            aim = self._chooser.aim(situation.outlook)
             if aim is not None:
                 return aim
-            self._exhausted = outlook
+            self._exhausted = situation.outlook
         return self._rest.choose(situation)
 
     def retraces(self, graph: NodeGraph, node: Node) -> list[int]:
@@ -117,6 +124,7 @@ class CheapestNode:
     """The cheapest node with an unexplored gap (paper, step 03), and in it the gap by width."""
 
     replan_m = math.inf
+    reach_m = math.inf
 
     def __init__(self, name: str, pick: Callable[[list[Gap]], Gap]) -> None:
         self.name = name
@@ -140,6 +148,7 @@ class Backtrack:
 
     name = "backtrack"
     replan_m = math.inf
+    reach_m = math.inf
 
     def choose(self, situation: Situation) -> Candidate | None:
         """First such node on the way back; then, if the way back has none, the latest one."""

@@ -45,6 +45,11 @@ class BodyRules:
         """From the centre to a line that must not be crossed."""
         return self.radius_m + self.clearance_m
 
+    @property
+    def wide_m(self) -> float:
+        """Farther from walls than this is as good as anywhere."""
+        return self.keep_m + EASE_M
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OddCells:
@@ -160,6 +165,7 @@ def survey_terrain(
     odd: OddCells | None = None,
     *,
     takes_quiet: bool = False,
+    limit_m: float = math.inf,
 ) -> Terrain:
     """Price the ground as seen from a pose.
 
@@ -172,16 +178,18 @@ def survey_terrain(
     takes_quiet : bool
         Ground that silent beams crossed nearby counts as free: the last resort before a door
         behind which nothing answers.
+    limit_m : float
+        Ways that cost more are not looked for.
     """
     row, col = grid.cells(np.array([pose.x_m, pose.y_m]))
     start = (int(row), int(col))
-    clearance = grid.clearance_m()
+    clearance = grid.clearance_m(body.wide_m)
     factor = _ground_factors(grid, clearance, body, takes_quiet)
     odd = _open_odd(factor, odd or OddCells.none())
     if is_allowed is not None:
         factor[~is_allowed] = np.inf
     _open_escape(factor, grid, clearance, body, start, is_allowed)
-    cost, before = wave(factor, start, grid.resolution_m)
+    cost, before = wave(factor, start, grid.resolution_m, limit_m)
     return Terrain(
         grid=grid,
         body=body,
@@ -216,7 +224,7 @@ def _ground_factors(
         is_unknown = is_unknown & ~grid.is_quiet
     is_open = is_free & (clearance >= needed)
     if is_unknown.any():
-        doubt_m = grid.doubt_m()
+        doubt_m = grid.doubt_m(body.wide_m)
         if takes_quiet:
             is_doubtful = grown(is_unknown, corners=False) & ~grid.is_occupied
             doubt_m = distance_transform_edt(~is_doubtful, sampling=grid.resolution_m)
@@ -239,7 +247,7 @@ def driven_cells(grid: OccupancyGrid, been_m: FloatArray, body: BodyRules) -> Od
     )
     odd = odd.kept(grid.contains(odd.cells))
     rows, cols = odd.cells[:, 0], odd.cells[:, 1]
-    room = grid.clearance_m()[rows, cols]
+    room = grid.clearance_m(body.wide_m)[rows, cols]
     is_clear = ~grid.is_occupied[rows, cols] & (room >= body.radius_m - grid.resolution_m)
     return odd.kept(is_clear)
 

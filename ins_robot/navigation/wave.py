@@ -54,58 +54,59 @@ def ground_of(factor: FloatArray, resolution_m: float) -> Ground:
     number = np.full(factor.shape, -1, np.int32)
     number.reshape(-1)[flat] = np.arange(len(flat), dtype=np.int32)
     factors = factor.reshape(-1)[flat]
-    links = [_links(number, down, right) for down, right, _ in STEPS]
-    # rows of the matrix are filled in place: on a large map sorting triplets takes 20 MB more
+    ends, is_link = _links(number, flat)
     first = np.zeros(len(flat) + 1, np.int32)
-    for start, _ in links:
-        first[start + 1] += 1
-    np.cumsum(first, out=first)
-    ends, weights = np.empty(first[-1], np.int32), np.empty(first[-1])
-    free = first[:-1].copy()
-    for (start, end), (_, _, length) in zip(links, STEPS, strict=True):
-        at = free[start]
-        ends[at] = end
-        weights[at] = (0.5 * length * resolution_m) * (factors[start] + factors[end])
-        free[start] += 1
-    edges = csr_matrix((weights, ends, first), shape=(len(flat), len(flat)))
+    np.cumsum(np.count_nonzero(is_link, axis=1), out=first[1:])
+    weights = factors[ends]
+    weights += factors[:, None]
+    weights *= 0.5 * resolution_m * np.array([length for _, _, length in STEPS])
+    edges = csr_matrix((weights[is_link], ends[is_link], first), shape=(len(flat), len(flat)))
     return Ground(edges=edges, flat=flat, number=number)
 
 
 def _links(
-    number: NDArray[np.int32], down: int, right: int
-) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """Open cells and those that far on, by number, where one can step over."""
-    height, width = number.shape
-    here = (slice(0, height - down), slice(max(0, -right), width - max(0, right)))
-    there = (slice(down, height), slice(max(0, right), width + min(0, right)))
-    is_open = number >= 0
-    ok = is_open[here] & is_open[there]
-    if right and down:
-        ok &= is_open[here[0], there[1]] & is_open[there[0], here[1]]
-    return number[here][ok], number[there][ok]
+    number: NDArray[np.int32], flat: IndexArray
+) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:
+    """(V, 4) for each open cell those that far on, by number, and where one can step over."""
+    width = number.shape[1] + 2
+    beside = np.pad(number, 1, constant_values=-1).reshape(-1)
+    at = (flat // number.shape[1] + 1) * width + flat % number.shape[1] + 1
+    ends = np.stack([beside[at + down * width + right] for down, right, _ in STEPS], axis=1)
+    is_link = ends >= 0
+    is_link[:, 1] &= is_link[:, 2] & (beside[at - 1] >= 0)
+    is_link[:, 3] &= is_link[:, 2] & is_link[:, 0]
+    return ends, is_link
 
 
 def wave(
-    factor: FloatArray, start: Cell, resolution_m: float
+    factor: FloatArray, start: Cell, resolution_m: float, limit_m: float = math.inf
 ) -> tuple[FloatArray, NDArray[np.int32]]:
     """Cheapest cost (H, W) from a cell to every other, and the flat index of the cell before.
 
-    Cost is inf, and the cell before negative, where there is no way.
+    Cost is inf, and the cell before negative, where there is no way as cheap as `limit_m`.
     """
     height, width = factor.shape
-    distance, previous, flat = np.zeros(0), np.zeros(0, np.int32), np.zeros(0, np.int64)
-    if 0 <= start[0] < height and 0 <= start[1] < width and math.isfinite(factor[start]):
-        ground = ground_of(factor, resolution_m)
-        flat = ground.flat
-        distance, previous = dijkstra(
-            ground.edges,
-            directed=False,
-            indices=int(ground.number[start]),
-            return_predecessors=True,
-        )
-        del ground  # large, on a large map
     cost = np.full((height, width), np.inf)
     before = np.full((height, width), -1, np.int32)
+    if not (0 <= start[0] < height and 0 <= start[1] < width and math.isfinite(factor[start])):
+        return cost, before
+    # a metre costs at least one: what is farther off than the limit need not be looked at
+    reach = height + width if math.isinf(limit_m) else math.ceil(limit_m / resolution_m)
+    top, left = max(start[0] - reach, 0), max(start[1] - reach, 0)
+    near = slice(top, start[0] + reach + 1), slice(left, start[1] + reach + 1)
+    ground = ground_of(factor[near], resolution_m)
+    flat = ground.flat
+    distance, previous = dijkstra(
+        ground.edges,
+        directed=False,
+        indices=int(ground.number[start[0] - top, start[1] - left]),
+        return_predecessors=True,
+        limit=limit_m,
+    )
+    inner = ground.number.shape[1]
+    del ground  # large, on a large map
+    if (inner, top) != (width, 0):
+        flat = (flat // inner + top) * width + flat % inner + left
     cost.reshape(-1)[flat] = distance
     has_one = previous >= 0
     before.reshape(-1)[flat[has_one]] = flat[previous[has_one]]

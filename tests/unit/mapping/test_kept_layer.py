@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: MIT
 """Layers kept while the map grows are what they would be if worked out afresh."""
 
-import copy
-
 import numpy as np
 import pytest
 
 from ins_robot.config import LrfConfig, MapConfig
 from ins_robot.geometry.pose2 import Pose2
-from ins_robot.mapping.kept_layer import Changes, KeptLayer
-from ins_robot.mapping.occupancy_grid import CLEARANCE_UP_TO_M, OccupancyGrid
+from ins_robot.mapping.grid_window import GridWindow
+from ins_robot.mapping.kept_layer import Changes
+from ins_robot.mapping.occupancy_grid import OccupancyGrid
+from ins_robot.mapping.wall_distances import CLEARANCE_UP_TO_M
 from ins_robot.messages import LaserScan
 
 
@@ -23,10 +23,9 @@ def scan_of(rng):
     )  # fmt: skip
 
 
-def afresh(grid):
-    fresh = copy.deepcopy(grid)
-    fresh._clearance, fresh._doubt = (KeptLayer(CLEARANCE_UP_TO_M) for _ in range(2))
-    return fresh
+def afresh(grid, work_out):
+    whole = tuple(slice(0, n) for n in grid.shape)
+    return np.minimum(work_out(grid, whole, whole), CLEARANCE_UP_TO_M)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -38,9 +37,11 @@ def test_clearance_and_doubt_are_those_of_the_whole_map(seed):
         grid.integrate(scan_of(rng), pose, LrfConfig().range_trusted_m)
         if step % 3 == 1:
             continue  # two scans between two looks
-        fresh = afresh(grid)
-        np.testing.assert_allclose(grid.clearance_m(), fresh.clearance_m(), atol=1e-9)
-        np.testing.assert_allclose(grid.doubt_m(), fresh.doubt_m(), atol=1e-9)
+        for kept, work_out in (
+            (grid.clearance_m(), grid.distances._clearance_of),
+            (grid.doubt_m(), grid.distances._doubt_of),
+        ):
+            np.testing.assert_allclose(kept, afresh(grid, work_out), atol=1e-9)
 
 
 def test_only_what_changed_is_worked_out_again():
@@ -51,22 +52,73 @@ def test_only_what_changed_is_worked_out_again():
     grid.integrate(scan_of(np.random.default_rng(1)), Pose2(12.0, 0.0, 0.0), 3.0)
     asked = []
 
-    def work_out(rows, cols):
-        asked.append((rows, cols))
-        return grid._clearance_within(rows, cols)
+    def work_out(part, around):
+        asked.append(around)
+        return grid.distances._clearance_of(grid, part, around)
 
-    grid._clearance.on(grid, grid._changes, work_out)
+    grid.distances._clearance.on(
+        grid, grid.distances.changes, work_out, tuple(slice(0, n) for n in grid.shape)
+    )
     (_, cols), *others = asked
     assert not others
     assert cols.start > grid.shape[1] // 2
     assert grid.clearance_m() is grid.clearance_m()
 
 
-def test_without_a_change_there_is_no_box():
+def test_without_a_change_there_is_no_box_and_those_that_overlap_are_one():
     changes = Changes()
-    assert changes.since(0) is None
+    assert changes.since(0) == []
     changes.add((2, 3), (4, 5))
     changes.add((-1, 7), (1, 1))
-    assert changes.since(0) == (-1, 3, 6, 8)
-    assert changes.since(1) == (-1, 7, 0, 8)
-    assert changes.since(2) is None
+    assert changes.since(0) == [(2, 3, 6, 8), (-1, 7, 0, 8)]
+    changes.add((-1, 7), (4, 1))
+    assert changes.since(0) == [(-1, 3, 6, 8)]
+    assert changes.since(1) == [(-1, 7, 3, 8)]
+    assert changes.since(3) == []
+
+
+def test_a_window_shows_what_the_grid_shows():
+    rng = np.random.default_rng(0)
+    grid = OccupancyGrid(0.05, MapConfig())
+    for x_m in (-4.0, 5.0):
+        grid.integrate(scan_of(rng), Pose2(x_m, 0.0, 0.0), 3.0)
+    part = slice(30, 140), slice(20, 260)
+    window = GridWindow(grid, part)
+    for name in ("clearance_m", "doubt_m"):
+        np.testing.assert_array_equal(getattr(window, name)(), getattr(grid, name)()[part])
+    point = np.array([1.0, 0.5])
+    assert window.log_odds_at(point) == grid.log_odds_at(point)
+    centre = grid.metres(grid.cells(point))
+    np.testing.assert_allclose(window.metres(window.cells(point)), centre)
+    with pytest.raises(ValueError, match="read-only"):
+        window.log_odds[0, 0] = 1.0
+
+
+def test_what_is_known_is_counted_as_it_is_drawn():
+    grid = OccupancyGrid(0.05, MapConfig())
+    for step in range(5):
+        scan = scan_of(np.random.default_rng(step))
+        grid.integrate(scan, Pose2(2.0 * step, 0.0, 0.0), 3.0)
+    other = OccupancyGrid(0.05, MapConfig())
+    other.make_room(grid.corner, tuple(np.add(grid.corner, grid.shape)))
+    other.take_over(grid)
+    count = np.count_nonzero(~grid.is_unknown)
+    assert grid.known_m2 == other.known_m2 == pytest.approx(count * 0.05**2)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_parts_asked_for_in_any_order_are_parts_of_the_whole(seed):
+    rng = np.random.default_rng(seed)
+    grid = OccupancyGrid(0.05, MapConfig())
+    for step in range(8):
+        pose = Pose2(*rng.uniform(-3.0, 3.0, 2) * (1 + step), rng.uniform(-3.0, 3.0))
+        grid.integrate(scan_of(rng), pose, LrfConfig().range_trusted_m)
+        low = rng.integers(0, np.array(grid.shape) - 32)
+        high = rng.integers(low + 1, grid.shape)
+        part = tuple(slice(int(a), int(b)) for a, b in zip(low, high, strict=True))
+        window = GridWindow(grid, part)
+        for kept, work_out in (
+            (window.clearance_m(), grid.distances._clearance_of),
+            (window.doubt_m(), grid.distances._doubt_of),
+        ):
+            np.testing.assert_allclose(kept, afresh(grid, work_out)[part], atol=1e-9)

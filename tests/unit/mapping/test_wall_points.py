@@ -6,7 +6,8 @@ import pytest
 
 from ins_robot.config import MapConfig
 from ins_robot.geometry.pose2 import Pose2
-from ins_robot.mapping.occupancy_grid import CLEARANCE_UP_TO_M, OccupancyGrid
+from ins_robot.mapping.occupancy_grid import OccupancyGrid
+from ins_robot.mapping.wall_distances import CLEARANCE_UP_TO_M
 from ins_robot.mapping.wall_points import wall_points
 from tests.unit.mapping.test_occupancy_grid import scan_of
 

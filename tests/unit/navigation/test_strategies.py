@@ -38,7 +38,7 @@ def situation():
     return Situation(
         graph=graph,
         current=3,
-        costs_m=np.array(COSTS),
+        costs_m=lambda: np.array(COSTS),
         candidates=lambda: list(graph.gaps()),
         outlook=no_outlook,
     )
@@ -57,7 +57,7 @@ def test_without_a_candidate_there_is_no_choice(situation, name):
     empty = Situation(
         graph=situation.graph,
         current=3,
-        costs_m=situation.costs_m,
+        costs_m=lambda: situation.costs_m,
         candidates=list,
         outlook=no_outlook,
     )
@@ -83,7 +83,7 @@ def test_a_node_that_cannot_be_reached_is_the_last_choice(situation):
     other = Situation(
         graph=situation.graph,
         current=3,
-        costs_m=costs,
+        costs_m=lambda: costs,
         candidates=lambda: situation.candidates,
         outlook=no_outlook,
     )
