@@ -26,6 +26,7 @@ SIGHT_M = 4.0  # unseen ground is not counted on from farther away
 PITCH_M = 0.4  # places compared lie this far apart
 BATCH = 150  # demands looked at together, nearest first: by the way as far as REACH_M
 FINE_SIGHT_M, FINE_PITCH_M, FINE_BATCH = 6.0, 0.1, 40  # when nothing shows: through keyholes
+NEAR_M = 5.0  # the least a scan must be expected to show grows with the way from there on
 AREA_POWER = 0.7  # below 1: small pockets are closed while they are near
 REACH_M = 6.0  # places are looked for so far around first
 WIDER = 2.0  # and then so many times as far at most
@@ -111,10 +112,9 @@ def _best(
     shows, was_seen = seen[: len(places)], seen[len(places) :]
     _drop_looked_at(outlook.looks.part(nodes), was_seen, places, demands.cells, shows)
     area_m2 = shows @ demands.area_m2
-    is_worth = area_m2 > outlook.gain_min_m2
-    worth = (
-        is_worth * area_m2**AREA_POWER / (STOP_M + outlook.cost_m[places[:, 0], places[:, 1]])
-    )
+    way_m = outlook.cost_m[places[:, 0], places[:, 1]]
+    is_worth = area_m2 > outlook.gain_min_m2 * np.maximum(1.0, way_m / NEAR_M)
+    worth = is_worth * area_m2**AREA_POWER / (STOP_M + way_m)
     best = int(worth.argmax())
     if not is_worth[best]:
         return None
@@ -125,6 +125,7 @@ def _best(
         targets=demands.edge_cells[shown],
         why=f"{area_m2[best]:.1f} m2 in view",
         heeds_looks=True,
+        worth=float(worth[best]),
     )
     return aim, float(worth[best])
 

@@ -50,6 +50,7 @@ def refined(outlook: Outlook, aim: Aim, times: int) -> Aim:
         targets=edges[is_target[coarse[:, 0], coarse[:, 1]]],
         why=aim.why,
         heeds_looks=aim.heeds_looks,
+        worth=aim.worth,
     )
 
 

@@ -307,6 +307,8 @@ class Explorer:
                 current=newest,
                 costs_m=lambda: self.graph.costs_from(newest),
                 candidates=lambda: self._ledger.candidates(scene),
+                all_left=lambda: self._ledger.all_left(scene),
+                edge_m=partial(self._ledger.edge_m, scene),
                 outlook=lambda: scene.outlook(self._range_m, self._vain, self.graph),
             )
         )

@@ -22,7 +22,12 @@ from ins_robot.navigation.strategies import Candidate
 from ins_robot.navigation.unseen import SIGHT_M, BarrenEdges
 
 FAILURES_MAX = 2  # a goal refused this often is given up
-PASSING = (GapState.UNREACHABLE, GapState.NO_GO, GapState.OUTSIDE)  # may change by itself
+PASSING = (  # may change by itself
+    GapState.UNREACHABLE,
+    GapState.NO_GO,
+    GapState.OUTSIDE,
+    GapState.NOT_WORTH_IT,
+)
 WAY_STRIDE = 10  # of the densely remembered way, every so many places are looked at
 
 
@@ -147,6 +152,20 @@ class GapLedger:
                 gap.is_deferred = False
             found = self._open(scene)
         return found
+
+    def all_left(self, scene: Scene) -> list[Candidate]:
+        """Open gaps and edges that no gap leads to, all at once: what a tour goes round.
+
+        None of them: what `candidates` has.
+        """
+        if not scene.is_listed:
+            self.update(scene)
+        self._adopt_edges(scene)
+        return self._open(scene) or self.candidates(scene)
+
+    def edge_m(self, scene: Scene, node: Node, gap: Gap) -> float:
+        """How much edge of the seen part a scan at an open gap should show."""
+        return len(scene.targets[node.index, gap.id]) * scene.grid.resolution_m
 
     def _open(self, scene: Scene) -> list[Candidate]:
         return [

@@ -38,6 +38,7 @@ class GapState(StrEnum):
     UNREACHABLE = "unreachable"
     NO_GO = "no_go"  # in a zone
     OUTSIDE = "outside"  # of boundary or radius
+    NOT_WORTH_IT = "not_worth_it"  # too little for the way to it
 
 
 class GapKind(StrEnum):

@@ -89,10 +89,11 @@ def _reason(
 
 
 def _nearest_refusal(graph: NodeGraph, point_m: np.ndarray) -> tuple[str, str] | None:
-    """State and reason of the nearest gap that was tried and given up."""
+    """State and reason of the nearest gap that was given up, or not worth the way."""
     best: tuple[float, str, str] | None = None
     for node, gap in graph.gaps():
-        if gap.failures == 0 or gap.state is not GapState.UNREACHABLE:
+        is_given_up = gap.failures > 0 and gap.state is GapState.UNREACHABLE
+        if not is_given_up and gap.state is not GapState.NOT_WORTH_IT:
             continue
         away = float(np.hypot(*(node.centroid_m(gap) - point_m))) - 0.5 * gap.width_m
         if away < NEAR_M and (best is None or away < best[0]):

@@ -142,6 +142,12 @@ class NodeGraph:
         """(K,) travel cost from one node to each, through neighbours; inf where no way is."""
         return self._dijkstra(index)[0]
 
+    def costs_between(self, indices: list[int]) -> FloatArray:
+        """(N, N) travel costs among some nodes; inf where no way is."""
+        count = len(self.nodes)
+        costs: FloatArray = dijkstra(self._edges_m[:count, :count], indices=indices)
+        return costs[:, indices]
+
     def way(self, start: int, goal: int) -> list[int]:
         """Nodes of the cheapest way, both ends included; empty when there is none."""
         costs, before = self._dijkstra(start)

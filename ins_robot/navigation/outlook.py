@@ -138,10 +138,12 @@ class Aim:
 
     `cell` is where to stand, `targets` (T, 2) the edge cells a scan there is for, the most
     telling first; `why` one clause for the log. `heeds_looks`: the strategy itself does not aim
-    again at what was looked at in vain.
+    again at what was looked at in vain. `worth` is what it expects for the way, in a unit
+    of its own.
     """
 
     cell: Cell
     targets: IndexArray
     why: str
     heeds_looks: bool = False
+    worth: float = math.inf
