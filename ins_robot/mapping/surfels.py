@@ -143,11 +143,8 @@ def surfels_of_scan(scan: LaserScan, bearing_std_rad: float, reach_max_m: float)
     along_rad = 0.5 * np.arctan2(2.0 * xy, xx - yy)
     normals = np.stack([-np.sin(along_rad), np.cos(along_rad)], axis=-1)
     normals *= np.where((normals * points).sum(axis=-1) > 0.0, -1.0, 1.0)[:, None]
-    # What is too short by chance says that it is surer than its neighbours, and what is too
-    # long less sure: they say it together, or walls would come nearer.
-    range_std = scan.range_std_m[used]
-    range_var = ((range_std + (votes * range_std[index]).sum(axis=1)) / weight) ** 2
     # Noise is no bend: what it explains across a line does not speak against the line.
+    range_var = scan.range_std_m[used] ** 2
     noise_var = np.minimum(NOISE_FACTOR * range_var, NOISE_RATIO**2 * along_var)
     is_flat = (votes.sum(axis=1) >= VOTES_MIN) & (
         across_var < FLAT_RATIO**2 * along_var + noise_var
