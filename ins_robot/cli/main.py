@@ -41,7 +41,7 @@ COMMANDS = (
     Command("start", "start", "begin a run: explore and map"),
     Command("stop", "order", "end the run; its map is saved"),
     Command("pause", "order", "stand still; the run goes on with `resume`"),
-    Command("resume", "order", "go on after `pause`"),
+    Command("resume", "order", "go on after `pause`; the robot looks where it is first"),
     Command("estop", "order", "stop the motors at once; latched until `clear`"),
     Command("clear", "order", "release the emergency stop and latched faults"),
     Command("status", "status", "what the robot is doing"),

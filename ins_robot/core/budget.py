@@ -7,11 +7,16 @@ more are kept back of the first two.
 
 from __future__ import annotations
 
+import math
+
 from ins_robot.config import Config
 
 TIME_SLACK = 2.0  # a way takes up to so many times what cruising would: turns, looks, guard
 TIME_KEPT_S = 20.0  # and the scan at home
 WAY_SLACK = 1.15
+
+
+BATTERY_SHARE = 0.002  # of each telemetry frame: a drop of load must last for 10 s
 
 
 class Budget:
@@ -20,21 +25,19 @@ class Budget:
     def __init__(self, config: Config) -> None:
         self._exploration = config.exploration
         self._cruise_mps = config.control.cruise_mps
-        self._battery_v = config.wheels.battery_low_v + config.exploration.battery_reserve_v
+        self._battery_min_v = config.wheels.battery_low_v + config.exploration.battery_reserve_v
         self._has_battery_limit = config.wheels.battery_low_v > 0.0
+        self._battery_v = math.nan  # smoothed; NaN where it is not measured
 
-    def why_home(
-        self, duration_s: float, driven_m: float, way_m: float, battery_v: float
-    ) -> str | None:
-        """Why exploring must end now; None: it need not.
+    def weigh_battery(self, volts: float) -> None:
+        """What a telemetry frame says; NaN: nothing."""
+        if math.isnan(self._battery_v):
+            self._battery_v = volts
+        elif not math.isnan(volts):
+            self._battery_v += BATTERY_SHARE * (volts - self._battery_v)
 
-        Parameters
-        ----------
-        way_m : float
-            What is still to be driven, the way home at its end.
-        battery_v : float
-            Smoothed; NaN where it is not measured.
-        """
+    def why_home(self, duration_s: float, driven_m: float, way_m: float) -> str | None:
+        """Why exploring must end now, with `way_m` still to drive; None: it need not."""
         limits = self._exploration
         if not limits.return_home:
             way_m = 0.0
@@ -43,6 +46,7 @@ class Budget:
             return f"exploration.max_time_s = {limits.max_time_s:g} s is used up"
         if limits.max_distance_m > 0.0 and driven_m + WAY_SLACK * way_m > limits.max_distance_m:
             return f"exploration.max_distance_m = {limits.max_distance_m:g} m is used up"
-        if self._has_battery_limit and battery_v < self._battery_v:
-            return f"battery at {battery_v:.1f} V, exploring ends at {self._battery_v:.1f} V"
+        if self._has_battery_limit and self._battery_v < self._battery_min_v:
+            at_v, end_v = self._battery_v, self._battery_min_v
+            return f"battery at {at_v:.1f} V, exploring ends at {end_v:.1f} V"
         return None

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -22,6 +22,7 @@ from ins_robot.core.odometry import Odometry
 from ins_robot.core.run_result import RunResult, RunState
 from ins_robot.core.survey import Decision, Sector, Survey, Timer
 from ins_robot.core.trajectory import Anchor, TrajectoryRecorder
+from ins_robot.core.whereabouts import Found, Here, PutDown, Whereabouts
 from ins_robot.geometry.angles import FloatArray
 from ins_robot.geometry.pose2 import Pose2
 from ins_robot.mapping.zones import Zone
@@ -99,6 +100,8 @@ class RunCore:
         self.is_recorded = True  # False: the run is over, its figures stay; the pose goes on
         self.first_stamp_s: float | None = None
         self.last_stamp_s = 0.0
+        self._whereabouts = Whereabouts(self.survey.slam, self._base_from_lrf)
+        self._carried_s: list[tuple[float, float]] = []  # paused at, found again at
         self._revolutions: list[LaserScan] = []
         self._odom_at_scans: dict[float, Pose2] = {}  # by stamp; prepared, perhaps not computed
         self._located_at_s: float | None = None
@@ -178,7 +181,14 @@ class RunCore:
         whole = combine(self._revolutions, self._config.lrf, set_rpm)
         scan = select_sector(whole, sector.centre_rad, sector.half_width_rad)
         self.scans += 1
-        return self._job(scan, sector)
+        return self._taken_in(self._job(scan, sector))
+
+    def prepare_look(self, set_rpm: float) -> ScanJob:
+        """The revolutions since `begin_scan`, taken standing after a pause; for `find_itself`.
+
+        It counts only once its place is known.
+        """
+        return self._job(combine(self._revolutions, self._config.lrf, set_rpm), None)
 
     def prepare_sweep(self) -> ScanJob:
         """The last revolution, taken while driving, de-skewed to its first beam's pose."""
@@ -187,7 +197,7 @@ class RunCore:
         at_stamp = self.odometry.poses_at(np.array([raw.stamp_s]))[0]
         scan = deskew(raw, at_beams, at_stamp, self._base_from_lrf)
         self.sweeps += 1
-        return self._job(scan, None)
+        return self._taken_in(self._job(scan, None))
 
     def compute(self, job: ScanJob) -> ScanOutcome:
         """The heavy part; in the worker. From its end on the correction steers the robot.
@@ -208,6 +218,32 @@ class RunCore:
         self._told_at_m = job.at_m
         self.map_from_odom = estimate.pose @ job.odom_from_base.inverse()
         return ScanOutcome(job=job, estimate=estimate, decision=decision)
+
+    def find_itself(self, look: ScanJob, paused_s: float, *, is_first: bool) -> Found:
+        """Where the robot is, which was paused at `paused_s` and may have been carried.
+
+        In the worker. A look that does not tell leaves no trace in map, pose and figures.
+        """
+        if is_first:
+            self._whereabouts = Whereabouts(self.survey.slam, self._base_from_lrf)
+        found = self._whereabouts.look(look.scan, look.motion, self.survey.grid)
+        if isinstance(found, Here):
+            self.sweeps += 1
+            self.compute(self._taken_in(replace(look, motion=found.motion)))
+        elif isinstance(found, PutDown):
+            self.scans += 1
+            self._go_on_from(self._taken_in(look), found, paused_s)
+        return found
+
+    def _go_on_from(self, look: ScanJob, found: PutDown, paused_s: float) -> None:
+        before = self.map_from_odom @ look.odom_from_base
+        estimate = self.survey.scan_where_put_down(
+            look.scan, found.pose, found.covariance, before
+        )
+        self._carried_s.append((paused_s, look.scan.stamp_s))
+        self.drift.interrupted(look.at_m)
+        self._told_at_m = look.at_m
+        self.map_from_odom = estimate.pose @ look.odom_from_base.inverse()
 
     def give_up(self, goal: Drive, why: str, pose: Pose2) -> Decision:
         """The goal could not be reached; in the worker."""
@@ -242,7 +278,7 @@ class RunCore:
             )
             for anchor in self.survey.slam.anchors
         ]
-        return self.trajectory.corrected(anchors)
+        return self.trajectory.corrected(anchors, self._carried_s)
 
     @property
     def duration_s(self) -> float:
@@ -252,7 +288,9 @@ class RunCore:
     @property
     def notes(self) -> dict[str, Any]:
         """What summary.json tells beside what every run has."""
-        return {"sweeps": self.sweeps, **self._end_notes(), **self.survey.slam.notes()}
+        carried = {"relocalisations": len(self._carried_s)} if self._carried_s else {}
+        slam = self.survey.slam
+        return {"sweeps": self.sweeps, **carried, **self._end_notes(), **slam.notes()}
 
     def _end_notes(self) -> dict[str, Any]:
         """How far from home the run ended, and what was left unseen; null: it was stopped."""
@@ -306,8 +344,6 @@ class RunCore:
         since_s = stamp_s if self._located_at_s is None else self._located_at_s
         motion = self.odometry.increment(since_s, stamp_s)
         odom_from_base = Pose2.from_array(self.odometry.poses_at(np.array([stamp_s]))[0])
-        self._located_at_s = stamp_s
-        self._odom_at_scans[stamp_s] = odom_from_base
         return ScanJob(
             scan=scan,
             motion=motion,
@@ -315,3 +351,9 @@ class RunCore:
             at_m=self._way_m,
             sector=sector,
         )
+
+    def _taken_in(self, job: ScanJob) -> ScanJob:
+        """Note a scan that the map will have."""
+        self._located_at_s = job.scan.stamp_s
+        self._odom_at_scans[job.scan.stamp_s] = job.odom_from_base
+        return job

@@ -17,6 +17,7 @@ from scipy.spatial import cKDTree
 
 from ins_robot.config import Config
 from ins_robot.estimation.slam import Keep, Slam
+from ins_robot.geometry.angles import FloatArray
 from ins_robot.geometry.pose2 import Pose2
 from ins_robot.mapping.occupancy_grid import OccupancyGrid
 from ins_robot.messages import LaserScan, MotionIncrement, PoseEstimate
@@ -73,14 +74,9 @@ class Survey:
         self, scan: LaserScan, motion: MotionIncrement, sector: Sector
     ) -> tuple[PoseEstimate, Decision]:
         """Correct the pose, make this place a node, decide where to go."""
-        estimate = self._locate(scan, motion, Keep.ALWAYS)
+        estimate = self._locate(lambda: self.slam.step(scan, motion, Keep.ALWAYS))
         begun_s = self._timer_s()
-        node = self.slam.nodes[-1]
-        self._follow_corrections()
-        self._surveyed.append(node.id)
-        self.explorer.observe(
-            node.id, node.stamp_s, node.pose, scan, (sector.centre_rad, sector.half_width_rad)
-        )
+        self._observe(scan, sector)
         decision = self._decide(self.slam.pose)
         self.ins_ms += 1e3 * (self._timer_s() - begun_s)
         return estimate, decision
@@ -88,7 +84,16 @@ class Survey:
     def scan_on_the_way(self, scan: LaserScan, motion: MotionIncrement) -> PoseEstimate:
         """Correct the pose, and draw what is new; no decision."""
         self.explorer.blindness.glimpsed(scan)
-        return self._locate(scan, motion, Keep.APART)
+        return self._locate(lambda: self.slam.step(scan, motion, Keep.APART))
+
+    def scan_where_put_down(
+        self, scan: LaserScan, pose: Pose2, covariance: FloatArray, carried_from: Pose2
+    ) -> PoseEstimate:
+        """Somebody carried the robot to `pose`: a node there, whole turn; no decision."""
+        estimate = self._locate(lambda: self.slam.relocate(scan, pose, covariance))
+        self._observe(scan, Sector(), carried_from)
+        self._goal = None
+        return estimate
 
     def give_up(self, goal: Drive, why: str, pose: Pose2) -> Decision:
         """The goal could not be reached: decide again, from where the robot stands."""
@@ -128,9 +133,19 @@ class Survey:
         self.ended = decision if isinstance(decision, Finished) else None
         return decision
 
-    def _locate(self, scan: LaserScan, motion: MotionIncrement, keep: Keep) -> PoseEstimate:
+    def _observe(
+        self, scan: LaserScan, sector: Sector, carried_from: Pose2 | None = None
+    ) -> None:
+        """SLAM's newest node is the explorer's too."""
+        node = self.slam.nodes[-1]
+        self._follow_corrections()
+        self._surveyed.append(node.id)
+        looked = (sector.centre_rad, sector.half_width_rad)
+        self.explorer.observe(node.id, node.stamp_s, node.pose, scan, looked, carried_from)
+
+    def _locate(self, step: Callable[[], PoseEstimate]) -> PoseEstimate:
         begun_s = self._timer_s()
-        estimate = self.slam.step(scan, motion, keep)
+        estimate = step()
         # Drawn now, once a step: when it is asked for later must not change the map.
         self.grid = self.slam.grid
         self.slam_ms.append(1e3 * (self._timer_s() - begun_s))

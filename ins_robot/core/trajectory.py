@@ -8,6 +8,7 @@ where the base was. Between two anchors the correction grows with the way driven
 
 from __future__ import annotations
 
+import math
 from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -54,14 +55,25 @@ class TrajectoryRecorder:
         rows = np.frombuffer(self._rows.tobytes()).reshape(-1, _WIDTH)
         return rows[:, 0].copy(), rows[:, 1:].copy()
 
-    def corrected(self, anchors: Sequence[Anchor]) -> tuple[FloatArray, FloatArray]:
+    def corrected(
+        self, anchors: Sequence[Anchor], carried_s: Sequence[tuple[float, float]] = ()
+    ) -> tuple[FloatArray, FloatArray]:
         """Stamps (N,) and map_from_base (N, 3), every past pose moved with the anchors.
 
         At an anchor the answer is the anchor's pose. In between each pose is carried by both
         neighbours and blended by the share of the way driven; outside, by the nearest one.
+        Of times (from, to) in which somebody carried the robot nothing is told, and no anchor
+        counts beyond them.
         """
         stamps_s, odom_from_base = self.odometry()
-        return stamps_s, correct(stamps_s, odom_from_base, anchors)
+        parts, begun_s = [], -math.inf
+        for from_s, to_s in [*carried_s, (math.inf, math.inf)]:
+            of = (begun_s <= stamps_s) & (stamps_s <= from_s)
+            own = [anchor for anchor in anchors if begun_s <= anchor.stamp_s <= from_s]
+            parts.append((stamps_s[of], correct(stamps_s[of], odom_from_base[of], own)))
+            begun_s = to_s
+        told_s, poses = zip(*parts, strict=True)
+        return np.concatenate(told_s), np.concatenate(poses)
 
 
 def correct(

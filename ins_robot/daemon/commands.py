@@ -101,6 +101,7 @@ class DaemonCommands:
             "battery_v": None if wheels is None else wheels.battery_v,
             "tasks": robot.supervisor.as_dict(),
             "health": robot.health.as_dict(now_s),
+            "paused_because": "" if mission is None else mission.paused_because,
             "last_run": robot.last_summary,
             "last_goto": robot.last_goto,
         }

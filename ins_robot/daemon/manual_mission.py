@@ -98,7 +98,8 @@ class ManualMission(RunUnderWay):
         place = Pose2() if self.goal is None else self.goal.place
         mark = self._mark("put_down", pose=[place.x_m, place.y_m, place.heading_rad])
         self.core.put_down(mark.stamp_s, place)
-        outcome = await self._in_worker(self.core.compute, await self._node_scan())
+        await self._take_whole()
+        outcome = await self._in_worker(self.core.compute, self._node_scan())
         if outcome.decision is None:
             raise StateError(self._send_back())
         self._take(outcome.decision)

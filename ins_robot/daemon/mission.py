@@ -5,9 +5,9 @@ from __future__ import annotations
 
 import asyncio
 import logging
-import math
 from collections.abc import Awaitable, Callable, Coroutine
 from concurrent.futures import Executor
+from functools import partial
 from typing import Any
 
 from ins_robot.config import Config
@@ -15,6 +15,7 @@ from ins_robot.control.path_follower import Following
 from ins_robot.core.budget import Budget
 from ins_robot.core.run_core import RunCore, ScanJob, ScanOutcome
 from ins_robot.core.survey import Decision
+from ins_robot.core.whereabouts import LOOKS_MAX, Found, Unknown
 from ins_robot.daemon.orders import Orders, Place, answer
 from ins_robot.daemon.pilot import Pilot
 from ins_robot.daemon.run_under_way import MissionState, RunUnderWay
@@ -29,7 +30,6 @@ from ins_robot.navigation.explorer import Drive
 log = logging.getLogger(__name__)
 
 CALIBRATION_TIMEOUT_S = 60.0
-BATTERY_SHARE = 0.002  # of each telemetry frame: a drop of load must last for 10 s
 WATCH_PERIOD_S = 0.2  # how often a drive looks at its pose uncertainty
 ROOMY_M = 0.4  # with this much clearance `lrf.look_every_m` is taken as it is
 CRAMPED_SHARE = 0.15  # and no less than this share of it among obstacles
@@ -59,11 +59,11 @@ class Mission(RunUnderWay):
         self._pilot = pilot
         self._orders = Orders()
         self._budget = Budget(config)
-        self._battery_v = math.nan
         self._is_going_home = False
         self._ready = asyncio.Event()
         self._is_surveying = False
         self._is_looking = self._stands_to_look = False
+        self._pauses_s: list[float] = []  # since it was last known where the robot is
         self._last_tick_s: float | None = None
         self._ticked_at_s = self._clock()
 
@@ -94,6 +94,8 @@ class Mission(RunUnderWay):
 
     async def _take_up(self, decision: Decision) -> Decision:
         """What people asked for meanwhile, and what time, way and battery say, come first."""
+        if self._pauses_s:
+            decision = await self._replan()
         if self._orders.zones_changed:
             self._orders.zones_changed = False
             decision = await self._replan()
@@ -142,9 +144,7 @@ class Mission(RunUnderWay):
         if not driven_m:  # about to set out: there, and in the worst case back the same way
             way_m += 2.0 * goal.path.length_m
         core = self.core
-        return self._budget.why_home(
-            core.duration_s, core.path_length_m, way_m, self._battery_v
-        )
+        return self._budget.why_home(core.duration_s, core.path_length_m, way_m)
 
     async def _calibrate(self) -> None:
         """Stand until the gyro's bias is known."""
@@ -162,13 +162,18 @@ class Mission(RunUnderWay):
 
     async def _scan_here(self) -> Decision:
         """Scan at a node: five revolutions standing still, then think."""
-        await self._until_standing()
-        outcome = await self._survey(await self._node_scan())
-        assert outcome.decision is not None
-        return outcome.decision
+        while not await self._until_standing():
+            await self._take_whole()
+            if not self._pauses_s:  # else it may have been carried while it turned
+                outcome = await self._survey(self._node_scan())
+                assert outcome.decision is not None
+                return outcome.decision
+        return await self._replan()
 
     async def _drive(self, goal: Drive) -> Following:
-        """Follow the path; look around on the way where needed, and stop if it is blocked."""
+        """Follow the path, until it is blocked or the run is paused; look around on the way."""
+        if self._pauses_s:
+            return Following.BLOCKED
         self.state, self.goal = MissionState.DRIVING, goal
         arrival = self._pilot.follow(goal.path)
         begun_m = self.core.path_length_m
@@ -179,6 +184,9 @@ class Mission(RunUnderWay):
                     f"motors: no telemetry for {MOTORS_GONE_S:g} s in a drive: cable, supply, "
                     "or the microcontroller's firmware? the wheels stand (its dead-man)"
                 )
+            if self._pauses_s:
+                self._pilot.halt()
+                return Following.BLOCKED
             driven_m = max(1e-3, self.core.path_length_m - begun_m)
             if not arrival.done() and (
                 self._orders.are_waiting or self._why_home(goal, driven_m)
@@ -193,7 +201,8 @@ class Mission(RunUnderWay):
         return arrival.result()
 
     async def _give_up(self, goal: Drive, outcome: Following) -> Decision:
-        await self._until_standing()
+        if await self._until_standing():
+            return await self._replan()
         await self._sweep()  # what stopped the robot may be seen from here
         self.state = MissionState.THINKING
         pose = self._mark_here("give_up", why=str(outcome))
@@ -249,8 +258,38 @@ class Mission(RunUnderWay):
     async def _sweep(self) -> None:
         """One revolution while driving, to correct the pose along the trajectory."""
         await self._taker.take(1, self._begin_scan)
+        if self._pauses_s:
+            return  # it may have been carried meanwhile
         self._mark("sweep")
         await self._survey(self.core.prepare_sweep())
+
+    # ---------------------------------------------------------------- after a pause
+
+    async def _find_itself(self) -> None:
+        """Look where the robot is: somebody may have carried it. Unknown: pause again."""
+        pauses, advice = len(self._pauses_s), ""
+        for nth in range(LOOKS_MAX):
+            await self._take_whole()
+            if len(self._pauses_s) != pauses:
+                return  # carried again, perhaps
+            found = await self._look(is_first=nth == 0)
+            if not isinstance(found, Unknown):
+                del self._pauses_s[:pauses]
+                await self._look_out()
+                return
+            advice = found.advice(self.core.pose)
+        self.pause(advice)
+        log.warning("%s: paused: %s", self.name, self.paused_because)
+
+    async def _look(self, *, is_first: bool) -> Found:
+        rpm, paused_s = self._taker.set_rpm, self._pauses_s[0]
+        self._mark("look", set_rpm=rpm, paused_s=paused_s, is_first=is_first)
+        look = self.core.prepare_look(rpm)
+        self.state = MissionState.THINKING
+        find = partial(self.core.find_itself, look, paused_s, is_first=is_first)
+        found = await self._in_worker(find)
+        log.info("%s: after the pause: %s", self.name, found)
+        return found
 
     def _survey(self, job: ScanJob) -> Coroutine[Any, Any, ScanOutcome]:
         """Hand a scan to the worker at once, in the journal's order; await its outcome."""
@@ -284,16 +323,10 @@ class Mission(RunUnderWay):
             self._ready.set()
         last_s, self._last_tick_s = self._last_tick_s, sample.stamp_s
         self._ticked_at_s = self._clock()
-        self._weigh_battery(sample.battery_v)
+        self._budget.weigh_battery(sample.battery_v)
         self._mind_the_wall()
         dt_s = 0.0 if last_s is None else min(0.1, max(0.0, sample.stamp_s - last_s))
         return self._pilot.tick(self.core.pose, dt_s)
-
-    def _weigh_battery(self, volts: float) -> None:
-        if math.isnan(self._battery_v):
-            self._battery_v = volts
-        elif not math.isnan(volts):
-            self._battery_v += BATTERY_SHARE * (volts - self._battery_v)
 
     def on_revolution(self, revolution: LaserScan) -> None:
         """A whole turn of the LRF."""
@@ -306,6 +339,8 @@ class Mission(RunUnderWay):
 
     def _feed(self, revolution: LaserScan) -> None:
         """Continuous LRF: the newest revolution to SLAM, unless it is still at the last."""
+        if self._pauses_s:
+            return  # nobody knows from where it is
         if self._is_surveying:
             self.dropped_sweeps += 1
             return
@@ -334,9 +369,10 @@ class Mission(RunUnderWay):
             raise StateError("goto: the run is paused: `ins-robot resume` first")
         await self._orders.go_to(place_m)
 
-    def pause(self) -> None:
+    def pause(self, because: str = "") -> None:
         """Stand, and stay where the method is."""
-        super().pause()
+        super().pause(because)
+        self._pauses_s.append(self._clock())
         self._hold()
 
     def resume(self) -> None:
@@ -346,7 +382,18 @@ class Mission(RunUnderWay):
 
     # ---------------------------------------------------------------- small things
 
-    async def _until_standing(self) -> None:
+    async def _until_standing(self) -> bool:
+        """Stand where the robot knows that it is; whether it had to find that out anew."""
+        await self._stand()
+        if not self.core.scans:
+            self._pauses_s.clear()  # no map to be carried on
+        was_paused = bool(self._pauses_s)
+        while self._pauses_s:
+            await self._stand()
+            await self._find_itself()
+        return was_paused
+
+    async def _stand(self) -> None:
         await self._go.wait()
         await self._pilot.standing.wait()
         await asyncio.sleep(SETTLE_S)

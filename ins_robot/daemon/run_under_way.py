@@ -69,6 +69,7 @@ class RunUnderWay(ABC):
         self.was_let_down = False  # a device failed it
         self.dropped_sweeps = 0
         self.goal: Drive | None = None
+        self.paused_because = ""  # nobody asked for it
         self._config = config
         self._taker = ScanTaker(config.lrf, scanner)
         self._worker = worker
@@ -137,10 +138,13 @@ class RunUnderWay(ABC):
         """How long the LRF's motor has been on."""
         return self._taker.on_s
 
-    async def _node_scan(self) -> ScanJob:
-        """The revolutions of one scan, ready for the worker."""
+    async def _take_whole(self) -> None:
+        """The revolutions of one scan, from standing."""
         self.state = MissionState.SCANNING
         await self._taker.take(self._config.lrf.revolutions, self._begin_scan)
+
+    def _node_scan(self) -> ScanJob:
+        """What `_take_whole` took as a scan at a node, ready for the worker."""
         rpm = self._taker.set_rpm
         self._mark("node_scan", set_rpm=rpm)
         job = self.core.prepare_node_scan(rpm)
@@ -200,13 +204,15 @@ class RunUnderWay(ABC):
         """Drive to a place (x, y) of the map; StateError: it cannot be reached."""
         raise StateError("goto: nothing drives here: a person carries the LRF")
 
-    def pause(self) -> None:
+    def pause(self, because: str = "") -> None:
         """Stand, and stay where the method is."""
         self._go.clear()
+        self.paused_because = because
 
     def resume(self) -> None:
         """Go on after `pause`."""
         self._go.set()
+        self.paused_because = ""
 
     @property
     def is_paused(self) -> bool:

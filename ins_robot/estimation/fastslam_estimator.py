@@ -86,6 +86,10 @@ class FastSlamEstimator:
         self._maps.carry(new_from_old)
         self._paths = [compose(new_from_old, poses) for poses in self._paths]
 
+    def put_down(self, pose: FloatArray) -> None:
+        """Be there; the map stays."""
+        self._filter.gather(pose)
+
     def pose(self) -> FloatArray:
         """(3,)."""
         return self._filter.mean()

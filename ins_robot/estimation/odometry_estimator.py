@@ -56,6 +56,10 @@ class OdometryEstimator:
         """Move with the map."""
         self._pose = compose(new_from_old, self._pose)
 
+    def put_down(self, pose: FloatArray) -> None:
+        """Be there; the map stays."""
+        self.set(pose, VARIANCE_MIN)
+
     def pose(self) -> FloatArray:
         """(3,)."""
         return self._pose.copy()

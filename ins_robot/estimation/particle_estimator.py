@@ -74,6 +74,10 @@ class ParticleEstimator:
         """Move with the map."""
         self._filter.carry(new_from_old)
 
+    def put_down(self, pose: FloatArray) -> None:
+        """Be there; the map stays."""
+        self._filter.gather(pose)
+
     def pose(self) -> FloatArray:
         """(3,)."""
         return self._filter.mean()

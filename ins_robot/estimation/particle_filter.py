@@ -129,6 +129,11 @@ class ParticleFilter:
         """Move the whole cloud by a correction of the map under it."""
         self.poses = compose(new_from_old, self.poses)
 
+    def gather(self, pose: FloatArray) -> None:
+        """All particles at one pose (3,), none likelier than another."""
+        self.poses = np.tile(pose, (len(self.poses), 1))
+        self.log_weights = np.zeros(len(self.poses))
+
     def mean(self) -> FloatArray:
         """(3,) mean position and circular mean heading (the paper's estimate)."""
         return _moments(self.poses, normalise(self.log_weights))[0]

@@ -13,6 +13,7 @@ unknown would slide back to where all is known.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -28,18 +29,30 @@ TURN_STEP_RAD = math.radians(15.0)  # one search covers this much to each side .
 SHIFT_STEP_M = 0.3  # ... and this much, once the heading is known
 TURN_KNOWN_RAD = math.radians(4.0)
 INLIERS_MIN = 30
-INLIER_SHARE_MIN = 0.3
 IN_THE_OPEN_M = 0.2  # a reading that ends in free space this far from all walls denies the map
 BEFORE_END_M = 0.3  # so does one that goes on this far behind a wall
 WALL_LOG_ODDS = 0.8
-DENIED_SHARE_MAX = 0.06
 DENIED_COST = 0.9  # log-likelihood, as much as a reading far off its wall
 STD_MAX_M = 0.03  # of the weakest direction: beyond, chance decides where along the wall ...
 KNOWN_SHARE = 0.8  # ... but hardly where so many readings lie on the map
 KNOWN_STD_MAX_M = 0.05
+HERE_SHARE = 0.8  # of the readings that the map has a say in: so many lie on it
+HERE_INLIERS_MIN = 15
+HERE_SURPRISE_MAX = 36.0  # chi-squared of where it fits against where it is expected
 RIVAL_M = 0.2  # a candidate this far from the best is another place ...
 RIVAL_RAD = math.radians(5.0)
 RIVAL_MARGIN = 4.0  # ... and must be less likely by this much
+
+
+class Demand(NamedTuple):
+    """How much of a scan must lie on the map's walls, and how little of it may be denied."""
+
+    inlier_share_min: float
+    denied_share_max: float
+
+
+NAMED_PLACE = Demand(0.3, 0.06)  # somebody says that it is there, more or less
+ANY_PLACE = Demand(0.85, 0.03)  # nobody does: false ones had 0.80 and 0.01, or 0.92 and 0.044
 
 
 def place(
@@ -48,6 +61,7 @@ def place(
     scan: Surfels,
     prior: FloatArray,
     covariance: FloatArray,
+    demand: Demand = NAMED_PLACE,
 ) -> tuple[FloatArray, FloatArray] | None:
     """Pose (3,) and its covariance (3, 3), map frame; None when the scan fits nowhere near.
 
@@ -70,9 +84,34 @@ def place(
     scores = _scores(field, grid, scan, matches, prior, information)
     best = int(np.argmax(scores))
     match = matches[best]
-    if not _fits(match, grid, scan) or _has_rival(matches, scores, best):
+    if not _fits(match, grid, scan, demand) or _has_rival(matches, scores, best):
         return None
     return match.pose, np.asarray(np.linalg.inv(information + match.information), np.float64)
+
+
+def fits_at(
+    field: LikelihoodField,
+    grid: OccupancyGrid,
+    scan: Surfels,
+    prior: FloatArray,
+    covariance: FloatArray,
+) -> bool:
+    """Whether the scan (base frame) may have been taken at a pose (3,) that is known well.
+
+    It need not tell the place: along a corridor it fits wherever the prior has it.
+    """
+    if len(scan) < HERE_INLIERS_MIN:
+        return False
+    information = np.asarray(np.linalg.inv(covariance), dtype=np.float64)
+    match = align(field, scan, prior[None], prior, information)
+    off = match.pose - prior
+    off[2] = wrap_rad(float(off[2]))
+    known_share = match.inlier_share + denied_share(grid, match.pose, scan)
+    return (
+        match.inliers >= HERE_INLIERS_MIN
+        and match.inlier_share >= max(NAMED_PLACE.inlier_share_min, HERE_SHARE * known_share)
+        and float(off @ information @ off) < HERE_SURPRISE_MAX
+    )
 
 
 def _starts(
@@ -136,15 +175,15 @@ def _scores(
     return scores
 
 
-def _fits(match: Alignment, grid: OccupancyGrid, scan: Surfels) -> bool:
+def _fits(match: Alignment, grid: OccupancyGrid, scan: Surfels, demand: Demand) -> bool:
     """Whether enough readings lie on the map's walls to hold the scan, and few in the open."""
-    if match.inliers < INLIERS_MIN or match.inlier_share < INLIER_SHARE_MIN:
+    if match.inliers < INLIERS_MIN or match.inlier_share < demand.inlier_share_min:
         return False
     weakest = float(np.linalg.eigvalsh(match.information[:2, :2])[0])
     std_max_m = KNOWN_STD_MAX_M if match.inlier_share > KNOWN_SHARE else STD_MAX_M
     if weakest < 1.0 / std_max_m**2:
         return False
-    return denied_share(grid, match.pose, scan) <= DENIED_SHARE_MAX
+    return denied_share(grid, match.pose, scan) <= demand.denied_share_max
 
 
 def _has_rival(matches: list[Alignment], scores: FloatArray, best: int) -> bool:

@@ -82,6 +82,9 @@ class Estimator(Protocol):
     def carry(self, new_from_old: FloatArray) -> None:
         """The map under the robot was moved."""
 
+    def put_down(self, pose: FloatArray) -> None:
+        """Somebody carried the robot to `pose` (3,); the next motion says how surely."""
+
     def pose(self) -> FloatArray:
         """(3,)."""
 

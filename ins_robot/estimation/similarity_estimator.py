@@ -68,6 +68,11 @@ class SimilarityEstimator:
         self._doubtful.carry(new_from_old)
         self._objects.carry(new_from_old)
 
+    def put_down(self, pose: FloatArray) -> None:
+        """Be there; the objects stay."""
+        self._odometry.put_down(pose)
+        self._doubtful.put_down(pose)
+
     def pose(self) -> FloatArray:
         """(3,)."""
         return self._odometry.pose()

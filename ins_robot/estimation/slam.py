@@ -20,7 +20,7 @@ from ins_robot.estimation.estimators import make_estimator
 from ins_robot.estimation.loop_closing import LoopCloser, accepted
 from ins_robot.estimation.motion_model import chain, turned
 from ins_robot.estimation.node_map import MATCH_RADIUS_M, SURFEL_SPACING_M, Node, NodeMap, way_m
-from ins_robot.estimation.placement import INLIERS_MIN, place
+from ins_robot.estimation.placement import ANY_PLACE, INLIERS_MIN, fits_at, place
 from ins_robot.estimation.protocol import Correction, Observation
 from ins_robot.estimation.rendered_map import RenderedMap
 from ins_robot.estimation.scan_matching import Alignment
@@ -77,6 +77,7 @@ class Slam:
         self._directions = WallDirections()
         self._rendered = RenderedMap(map_config, base_from_lrf, range_trusted_m)
         self._since_node: MotionIncrement | None = None
+        self._left_node = 0  # where that motion began
         self._travelled_m = 0.0
         self._field: LikelihoodField | None = None
         self._field_at = np.zeros(3)
@@ -113,7 +114,7 @@ class Slam:
         For motions too vague to `step` with, such as those of an LRF that is carried. Changes
         nothing.
         """
-        surfels = self._surfels(scan).spread_out(SURFEL_SPACING_M, SCAN_SURFELS_MAX)
+        surfels = self._thinned(scan)
         if len(self._nodes) == 0:
             return motion if len(surfels) >= INLIERS_MIN else None
         here = self._estimator.pose()
@@ -131,6 +132,59 @@ class Slam:
             delta=Pose2.from_array(between(here, pose)),
             covariance=turned(covariance, -float(here[2])),
         )
+
+    def fits(self, scan: LaserScan, motion: MotionIncrement) -> bool:
+        """Whether the scan fits the map where the motion has led. Changes nothing."""
+        here = self._estimator.pose()
+        prior = compose(here, motion.delta.as_array())
+        field = self._nodes.local_field(self._linked_near(prior), prior)
+        if field is None:  # nothing is known near: to see nothing is as expected
+            return len(self._thinned(scan)) < INLIERS_MIN
+        doubt = motion.repeated * motion.covariance
+        covariance = self._estimator.covariance() + turned(doubt, float(here[2]))
+        return fits_at(field, self.grid, self._thinned(scan), prior, covariance)
+
+    def place_at(
+        self, scan: LaserScan, pose: Pose2, covariance: FloatArray
+    ) -> tuple[Pose2, FloatArray] | None:
+        """Where around a pose of the map the scan fits, its covariance (3, 3); or None.
+
+        However it came there; so nearly all of it must be on the map. Changes nothing.
+        """
+        prior = pose.as_array()
+        nodes = self._nodes.linked(np.array([self._nearest(prior)]), prior)
+        field = self._nodes.local_field(nodes, prior)
+        if field is None:
+            return None
+        placed = place(field, self.grid, self._thinned(scan), prior, covariance, ANY_PLACE)
+        return None if placed is None else (Pose2.from_array(placed[0]), placed[1])
+
+    def relocate(self, scan: LaserScan, pose: Pose2, covariance: FloatArray) -> PoseEstimate:
+        """Take in a scan from where the robot was carried to, as a node.
+
+        No odometry leads there: the node hangs on what it is matched with, and on the nearest
+        one by `pose`, of which `covariance` (3, 3), map frame, says how surely it is known.
+        """
+        at, nearest = pose.as_array(), self._nearest(pose.as_array())
+        origin = self._nodes.graph.poses[nearest]
+        stamp_s = scan.stamp_s
+        still = MotionIncrement(
+            from_stamp_s=stamp_s,
+            to_stamp_s=stamp_s,
+            delta=Pose2(),
+            covariance=turned(covariance, -pose.heading_rad),
+            repeated=1.0,
+        )
+        self._since_node = replace(
+            still,
+            delta=Pose2.from_array(between(origin, at)),
+            covariance=turned(covariance, -float(origin[2])),
+        )
+        self._left_node = nearest
+        self._estimator.put_down(at)
+        self._field, self._linked = None, np.array([nearest])
+        self._wheel_scale.interrupt()
+        return self.step(scan, still, Keep.ALWAYS)
 
     @property
     def pose(self) -> Pose2:
@@ -178,6 +232,9 @@ class Slam:
         bearing_std_rad = math.radians(self._config.bearing_std_deg)
         return surfels_of_scan(scan, bearing_std_rad, MATCH_RADIUS_M).at(self._base_from_lrf)
 
+    def _thinned(self, scan: LaserScan) -> Surfels:
+        return self._surfels(scan).spread_out(SURFEL_SPACING_M, SCAN_SURFELS_MAX)
+
     def _correct(self, scan: LaserScan, surfels: Surfels) -> Correction | None:
         observation = Observation(
             scan,
@@ -211,6 +268,9 @@ class Slam:
             return linked
         return self._nodes.linked(np.arange(len(self._nodes)), pose)
 
+    def _nearest(self, pose: FloatArray) -> int:
+        return self._nodes.nearest(np.arange(len(self._nodes)), pose)
+
     def _becomes_node(self, keep: Keep, match: Alignment | None) -> bool:
         if keep is Keep.ALWAYS or keep is Keep.NEVER or len(self._nodes) == 0:
             return keep is not Keep.NEVER
@@ -233,11 +293,12 @@ class Slam:
         pose = self._estimator.pose()
         node = self._nodes.add(pose, scan, surfels, self._travelled_m)
         if node > 0 and self._since_node is not None:
-            self._nodes.link_motion(node - 1, node, self._since_node, match is not None)
+            left = self._left_node
+            self._nodes.link_motion(left, node, self._since_node, match is not None)
         if match is not None:
             self._nodes.link_match(node, pose, match)
         self._estimator.keep_node()
-        self._since_node = None
+        self._since_node, self._left_node = None, node
         self._field = None
         self._linked = np.array([node])
         return node

@@ -78,6 +78,8 @@ class JournalReplay:
                 self.core.put_down(mark.stamp_s, Pose2(*payload["pose"]))
             case "sweep" if self._is_wanted():
                 self._compute(self.core.prepare_sweep())
+            case "look":
+                self._find_itself(self.core.prepare_look(payload["set_rpm"]), payload)
             case "replan":
                 self.decision = self.core.replan(Pose2(*payload["pose"]))
             case "give_up" if isinstance(self.decision, Drive):
@@ -106,11 +108,18 @@ class JournalReplay:
         self._scans_seen += 1
         return (self._scans_seen - 1) % self._options.every == 0
 
+    def _find_itself(self, look: ScanJob, payload: dict[str, Any]) -> None:
+        look = self._as_far_as_known(look)
+        self.core.find_itself(look, payload["paused_s"], is_first=payload["is_first"])
+
+    def _as_far_as_known(self, job: ScanJob) -> ScanJob:
+        if self._options.use_odometry:
+            return job
+        unknown = np.diag(np.square(UNKNOWN_MOTION_STD))
+        return replace(job, motion=replace(job.motion, delta=Pose2(), covariance=unknown))
+
     def _compute(self, job: ScanJob) -> None:
-        if not self._options.use_odometry:
-            unknown = np.diag(np.square(UNKNOWN_MOTION_STD))
-            job = replace(job, motion=replace(job.motion, delta=Pose2(), covariance=unknown))
-        outcome = self.core.compute(job)
+        outcome = self.core.compute(self._as_far_as_known(job))
         if outcome.decision is not None:
             self.decision = outcome.decision
 

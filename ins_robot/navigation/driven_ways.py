@@ -50,6 +50,10 @@ class DrivenWays:
             node.home_m = self._graph.nodes[node.came_from].home_m + node.way_m
         self._since_node_m.clear()
 
+    def interrupted(self) -> None:
+        """The robot was carried: no way leads to where it goes on."""
+        self._since_node_m.clear()
+
     def places_m(self, low_m: FloatArray, high_m: FloatArray) -> FloatArray:
         """(N, 2) all places driven through in a box, and more; densely, map frame."""
         return np.concatenate([self._graph.driven_m(low_m, high_m), *self._since_node_m])

@@ -98,6 +98,7 @@ class Explorer:
         pose: Pose2,
         scan: LaserScan,
         sector: tuple[float, float],
+        carried_from: Pose2 | None = None,
     ) -> None:
         """Steps 01 and 02: a node here; gaps and walls told apart in its scan.
 
@@ -107,7 +108,14 @@ class Explorer:
             map_from_base when the scan was taken.
         sector : (centre_rad, half_width_rad)
             What the scan looked at, about the base's x axis.
+        carried_from : Pose2 or None
+            From where somebody carried the robot to this node; None: it drove.
         """
+        came_from = len(self.graph) - 1 if self.graph.nodes else None
+        if carried_from is not None:
+            self._pursuit.interrupted(carried_from)
+            away_m = self.graph.positions_m() - (pose.x_m, pose.y_m)
+            came_from = int(np.hypot(*away_m.T).argmin())
         node = Node(
             index=len(self.graph),
             id=node_id,
@@ -117,7 +125,8 @@ class Explorer:
             bearings_rad=scan.bearings_rad,
             ranges_m=scan.ranges_m,
             gaps=find_gaps(scan, self._base_from_lrf, sector, self._rules),
-            came_from=len(self.graph) - 1 if self.graph.nodes else None,
+            came_from=came_from,
+            home_m=math.inf if self.graph.nodes else 0.0,
         )
         self._pursuit.arrived(node)
         self._errand = None

@@ -43,7 +43,8 @@ class Node:
     came_by_m : (N, 2) float64
         The way driven, densely, in the frame of `came_from`; empty when not known.
     way_m, home_m : float
-        Lengths of `came_by_m`, and of the way home as it was known when the robot was here.
+        Lengths of `came_by_m`, and of the way home as it was known when the robot was here
+        (inf: it was not).
     neighbours : dict
         Index of each neighbour, and the cost of the way there in metres.
     """
@@ -59,7 +60,7 @@ class Node:
     came_from: int | None = None
     came_by_m: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
     way_m: float = 0.0
-    home_m: float = 0.0
+    home_m: float = math.inf
     neighbours: dict[int, float] = field(default_factory=dict)
 
     @property

@@ -100,6 +100,12 @@ class Pursuit:
         self._ways.stands_at(pose)
         self._chances.stands_at(pose)
 
+    def interrupted(self, at: Pose2) -> None:
+        """Somebody picked the robot up there; what it drove for is left open."""
+        self.stands_at(at)
+        self._ways.interrupted()
+        self._under_way = None
+
     def failed(self, drive: Drive, why: str) -> None:
         """The goal of the last drive was not reached."""
         target, self._under_way = self._under_way, None

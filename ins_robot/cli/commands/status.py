@@ -43,6 +43,8 @@ def aligned(rows: list[tuple[str, str]]) -> list[str]:
 def outline(status: Mapping[str, Any]) -> list[tuple[str, str]]:
     """What a person asks first; rows that the daemon knows nothing of are left out."""
     rows = [("state", str(status["state"])), ("run", _text(status.get("run")))]
+    if status.get("paused_because"):
+        rows.append(("paused", status["paused_because"]))
     pose = status.get("pose")
     if pose is not None:
         heading = pose.get("heading_rad")

@@ -18,6 +18,7 @@ class Sweeping(Mission):
         self._pilot = SimpleNamespace(is_held=False)
         self._go = asyncio.Event()
         self._go.set()
+        self._pauses_s, self._clock = [], lambda: 0.0
         self._is_looking = self._stands_to_look = False
         self._may_touch = lambda: may_touch
         self._meanwhile = meanwhile
