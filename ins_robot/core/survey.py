@@ -23,6 +23,9 @@ from ins_robot.mapping.occupancy_grid import OccupancyGrid
 from ins_robot.messages import LaserScan, MotionIncrement, PoseEstimate
 from ins_robot.navigation.explorer import Drive, Explorer, Finished
 
+SOON_TOUCHED_M = 0.8  # from the LRF: what the body may touch before the next look
+SAME_WALL_M = 0.025  # a reading this near to a known surface is one of it
+
 Decision = Drive | Finished
 Timer = Callable[[], float]
 
@@ -49,6 +52,8 @@ class Survey:
     def __init__(self, config: Config, rng: np.random.Generator, timer_s: Timer) -> None:
         lrf = config.lrf
         base_from_lrf = Pose2(lrf.x_m, lrf.y_m, 0.0)  # the driver has applied the yaw
+        self._base_from_lrf = base_from_lrf
+        self._last_scan: LaserScan | None = None  # if it could be laid on the map
         self.slam = Slam(config.slam, config.map, base_from_lrf, rng, lrf.range_trusted_m)
         self.explorer = Explorer(config.exploration, config.robot, lrf)
         self.grid: OccupancyGrid = self.slam.grid
@@ -74,7 +79,7 @@ class Survey:
         self, scan: LaserScan, motion: MotionIncrement, sector: Sector
     ) -> tuple[PoseEstimate, Decision]:
         """Correct the pose, make this place a node, decide where to go."""
-        estimate = self._locate(lambda: self.slam.step(scan, motion, Keep.ALWAYS))
+        estimate = self._locate(scan, lambda: self.slam.step(scan, motion, Keep.ALWAYS))
         begun_s = self._timer_s()
         self._observe(scan, sector)
         decision = self._decide(self.slam.pose)
@@ -84,13 +89,13 @@ class Survey:
     def scan_on_the_way(self, scan: LaserScan, motion: MotionIncrement) -> PoseEstimate:
         """Correct the pose, and draw what is new; no decision."""
         self.explorer.blindness.glimpsed(scan)
-        return self._locate(lambda: self.slam.step(scan, motion, Keep.APART))
+        return self._locate(scan, lambda: self.slam.step(scan, motion, Keep.APART))
 
     def scan_where_put_down(
         self, scan: LaserScan, pose: Pose2, covariance: FloatArray, carried_from: Pose2
     ) -> PoseEstimate:
         """Somebody carried the robot to `pose`: a node there, whole turn; no decision."""
-        estimate = self._locate(lambda: self.slam.relocate(scan, pose, covariance))
+        estimate = self._locate(scan, lambda: self.slam.relocate(scan, pose, covariance))
         self._observe(scan, Sector(), carried_from)
         self._goal = None
         return estimate
@@ -123,7 +128,22 @@ class Survey:
     def obstacles(self, pose: Pose2) -> cKDTree:
         """Points (N, 2) on all that a body at `pose` must not touch, fences included."""
         walls, fence_m = self.grid.walls(), self.explorer.bounds.fence_m(pose)
-        return cKDTree(np.concatenate([walls.data, fence_m])) if len(fence_m) else walls
+        more_m = np.concatenate([fence_m, self._seen_again(walls)])
+        return cKDTree(np.concatenate([walls.data, more_m])) if len(more_m) else walls
+
+    def _seen_again(self, walls: cKDTree) -> FloatArray:
+        """(N, 2) what the last scan saw of known walls near by, where it saw them.
+
+        The map may have them a centimetre off, from another node: as much as there is room.
+        """
+        if self._last_scan is None or walls.n == 0:
+            return np.zeros((0, 2))
+        scan, lrf = self._last_scan, self.slam.pose @ self._base_from_lrf
+        points_m = scan.points_lrf_m()
+        points_m = lrf.apply(points_m[np.hypot(*points_m.T) < SOON_TOUCHED_M])
+        beside_m, _ = cKDTree(points_m).query(points_m, k=2)  # a lone reading is a ghost
+        is_known = walls.query(points_m)[0] < SAME_WALL_M
+        return np.asarray(points_m[is_known & (beside_m[:, 1] < SAME_WALL_M)])
 
     def _decide(self, pose: Pose2) -> Decision:
         return self._note(self.explorer.decide(pose, self.grid))
@@ -143,9 +163,10 @@ class Survey:
         looked = (sector.centre_rad, sector.half_width_rad)
         self.explorer.observe(node.id, node.stamp_s, node.pose, scan, looked, carried_from)
 
-    def _locate(self, step: Callable[[], PoseEstimate]) -> PoseEstimate:
+    def _locate(self, scan: LaserScan, step: Callable[[], PoseEstimate]) -> PoseEstimate:
         begun_s = self._timer_s()
         estimate = step()
+        self._last_scan = scan if self.slam.is_located else None
         # Drawn now, once a step: when it is asked for later must not change the map.
         self.grid = self.slam.grid
         self.slam_ms.append(1e3 * (self._timer_s() - begun_s))
