@@ -25,6 +25,7 @@ from ins_robot.navigation.explorer import Drive, Explorer, Finished
 
 SOON_TOUCHED_M = 0.8  # from the LRF: what the body may touch before the next look
 SAME_WALL_M = 0.025  # a reading this near to a known surface is one of it
+LONE_M = 0.018  # beams are up to 14 mm apart there; a reading with none so near is a ghost
 
 Decision = Drive | Finished
 Timer = Callable[[], float]
@@ -141,9 +142,9 @@ class Survey:
         scan, lrf = self._last_scan, self.slam.pose @ self._base_from_lrf
         points_m = scan.points_lrf_m()
         points_m = lrf.apply(points_m[np.hypot(*points_m.T) < SOON_TOUCHED_M])
-        beside_m, _ = cKDTree(points_m).query(points_m, k=2)  # a lone reading is a ghost
+        beside_m, _ = cKDTree(points_m).query(points_m, k=2)
         is_known = walls.query(points_m)[0] < SAME_WALL_M
-        return np.asarray(points_m[is_known & (beside_m[:, 1] < SAME_WALL_M)])
+        return np.asarray(points_m[is_known & (beside_m[:, 1] < LONE_M)])
 
     def _decide(self, pose: Pose2) -> Decision:
         return self._note(self.explorer.decide(pose, self.grid))
