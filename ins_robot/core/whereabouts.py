@@ -3,7 +3,8 @@
 
 Looks from standing and the map in; out comes, after each, that the robot is where the odometry
 has it, or where else it was put down, or why that is not known yet. It is looked for there,
-then around there as for a nudge, then everywhere. Nothing is changed here.
+then around there as for a nudge, which counts if nothing else looks like it, then everywhere.
+Nothing is changed here.
 """
 
 from __future__ import annotations
@@ -30,6 +31,7 @@ from ins_robot.messages import LaserScan, MotionIncrement
 
 # Further looks from one place repeat the errors of map and scan, not only what is right.
 LOOKS_MAX = 3
+SAME_PLACE_M = 0.5
 
 
 def _covariance(std_m: float, std_deg: float) -> FloatArray:
@@ -89,10 +91,16 @@ class Whereabouts:
             return Here(motion=motion)
         if len(Beams.of(scan, self._base_from_lrf)) < BEAMS_MIN:
             return Unknown(why="the LRF sees next to nothing here (is it covered?)")
-        expected = self._slam.pose @ motion.delta
-        return self._put_down(scan, expected, NUDGED) or self._anywhere(scan, grid)
+        nudged = self._put_down(scan, self._slam.pose @ motion.delta, NUDGED)
+        verdict = self._anywhere(scan, grid)
+        if nudged is not None and _has_no_rival(nudged.pose, verdict):
+            return nudged
+        found = None
+        if isinstance(verdict, Located):
+            found = self._put_down(scan, verdict.pose, verdict.covariance + LOCATED)
+        return found or Unknown(why=_why(verdict))
 
-    def _anywhere(self, scan: LaserScan, grid: OccupancyGrid) -> PutDown | Unknown:
+    def _anywhere(self, scan: LaserScan, grid: OccupancyGrid) -> Verdict:
         if self._localizer is None:
             self._localizer = GlobalLocalizer(grid, self._base_from_lrf)
         stood = MotionIncrement(
@@ -101,15 +109,23 @@ class Whereabouts:
             delta=Pose2(),
             covariance=STOOD,
         )
-        verdict = self._localizer.step(scan, stood)
-        found = None
-        if isinstance(verdict, Located):
-            found = self._put_down(scan, verdict.pose, verdict.covariance + LOCATED)
-        return found or Unknown(why=_why(verdict))
+        return self._localizer.step(scan, stood)
 
     def _put_down(self, scan: LaserScan, pose: Pose2, doubt: FloatArray) -> PutDown | None:
         placed = self._slam.place_at(scan, pose, doubt)
         return None if placed is None else PutDown(pose=placed[0], covariance=placed[1])
+
+
+def _has_no_rival(pose: Pose2, verdict: Verdict) -> bool:
+    """Whether nowhere else on the map looks like it: it need not have been a nudge."""
+    match verdict:
+        case Lost():
+            return True
+        case Located():
+            return verdict.pose.distance_m(pose) < SAME_PLACE_M
+        case Ambiguous():
+            off_m = np.hypot(*(verdict.poses[:, :2] - (pose.x_m, pose.y_m)).T)
+            return bool((off_m < SAME_PLACE_M).all())
 
 
 def _why(verdict: Verdict) -> str:
