@@ -14,8 +14,6 @@ from ins_robot.config import Config
 TIME_SLACK = 2.0  # a way takes up to so many times what cruising would: turns, looks, guard
 TIME_KEPT_S = 20.0  # and the scan at home
 WAY_SLACK = 1.15
-
-
 BATTERY_SHARE = 0.002  # of each telemetry frame: a drop of load must last for 10 s
 
 

@@ -28,6 +28,7 @@ PASSING = (  # may change by itself
     GapState.OUTSIDE,
     GapState.NOT_WORTH_IT,
 )
+GIVEN_UP = (GapState.UNREACHABLE, GapState.NOT_WORTH_IT)  # by a choice, not by the map alone
 WAY_STRIDE = 10  # of the densely remembered way, every so many places are looked at
 
 
@@ -101,16 +102,18 @@ class GapLedger:
     def conclude(self, scene: Scene) -> None:
         """The states to end with, when this scene was not listed to choose from.
 
-        What was out of reach stays so, with its reason, unless all of it has been seen.
+        What was out of reach or not worth its way stays so, with its reason, unless all of it
+        has been seen.
         """
         if scene.is_listed:
             return
-        gaps = [gap for _, gap in self._graph.gaps() if gap.state is GapState.UNREACHABLE]
-        reasons = [gap.why for gap in gaps]
+        left = [
+            (gap, gap.state, gap.why) for _, gap in self._graph.gaps() if gap.state in GIVEN_UP
+        ]
         self.update(scene)
-        for gap, why in zip(gaps, reasons, strict=True):
+        for gap, state, why in left:
             if gap.is_open:
-                gap.set(GapState.UNREACHABLE, why)
+                gap.set(state, why)
 
     def _close_explored(self, scene: Scene) -> None:
         """Close the gaps from which nothing new shows; note what the others should show."""

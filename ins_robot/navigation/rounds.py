@@ -18,9 +18,10 @@ NO_WAY_M = 1e6
 
 def first_stop(graph: NodeGraph, current: int, stops: set[int]) -> int:
     """Which of some nodes to visit first, on a short way past all of them and home."""
-    costs_m = graph.costs_between([current, 0, *sorted(stops)])
+    places = sorted(stops)
+    costs_m = graph.costs_between([current, 0, *places])
     nearest = np.argsort(costs_m[0, 2:], kind="stable")[:STOPS_MAX]
     toured = np.concatenate([[0], 2 + nearest])
     costs_m = np.minimum(costs_m, NO_WAY_M)
     order, _ = open_tour(costs_m[np.ix_(toured, toured)], costs_m[1, toured])
-    return sorted(stops)[int(nearest[order[1] - 1])]
+    return places[int(nearest[order[1] - 1])]

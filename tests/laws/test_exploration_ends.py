@@ -22,6 +22,8 @@ from exploring import (
 
 from ins_robot.geometry.pose2 import Pose2
 from ins_robot.messages import LaserScan
+from ins_robot.navigation import strategies
+from ins_robot.navigation.auto import Auto
 from ins_robot.navigation.decisions import NO_GAP
 from ins_robot.navigation.explorer import Drive, Explorer, Finished
 from ins_robot.navigation.way_home import WayHome
@@ -212,6 +214,21 @@ def test_what_never_lets_the_robot_through_is_told():
     assert story.decision.is_complete
     assert any("given up" in left.why for left in story.decision.unseen)
     assert story.robot.pose.distance_m(Pose2()) <= 0.1
+
+
+def test_what_was_not_worth_its_way_is_told_so_when_the_run_is_cut_short(monkeypatch):
+    looks = iter([True])  # one look for what it shows, then only what little is left
+    aim = Auto.aim
+    monkeypatch.setattr(Auto, "aim", lambda self, on: aim(self, on) if next(looks, 0) else None)
+    monkeypatch.setattr(strategies, "EDGE_PER_WAY", 1e6)  # and none of that worth any way
+    hall = (0.5, 2.0, 15.5, 3.0)
+    world = plan(
+        16, 5, hall, (0.5, 0.5, 3.5, 4.5), (12.5, 0.5, 15.5, 4.5), (7.5, 0.5, 8.5, 4.5)
+    )
+    config = configured(strategy="auto", max_scans=5)
+    story = tell(world, Pose2(2.0, 2.5, 0.0), config=config)
+    assert not story.decision.is_complete
+    assert "not_worth_it" in {edge.state for edge in story.decision.unseen}
 
 
 def test_the_robot_comes_home_and_faces_as_it_did():

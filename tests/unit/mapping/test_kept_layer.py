@@ -23,6 +23,16 @@ def scan_of(rng):
     )  # fmt: skip
 
 
+def growing(seed):
+    """A grid after each of eight scans, taken ever farther apart."""
+    rng = np.random.default_rng(seed)
+    grid = OccupancyGrid(0.05, MapConfig())
+    for step in range(8):
+        pose = Pose2(*rng.uniform(-3.0, 3.0, 2) * (1 + step), rng.uniform(-3.0, 3.0))
+        grid.integrate(scan_of(rng), pose, LrfConfig().range_trusted_m)
+        yield grid, rng
+
+
 def afresh(grid, work_out):
     whole = tuple(slice(0, n) for n in grid.shape)
     return np.minimum(work_out(grid, whole, whole), CLEARANCE_UP_TO_M)
@@ -30,11 +40,7 @@ def afresh(grid, work_out):
 
 @pytest.mark.parametrize("seed", range(3))
 def test_clearance_and_doubt_are_those_of_the_whole_map(seed):
-    rng = np.random.default_rng(seed)
-    grid = OccupancyGrid(0.05, MapConfig())
-    for step in range(8):
-        pose = Pose2(*rng.uniform(-3.0, 3.0, 2) * (1 + step), rng.uniform(-3.0, 3.0))
-        grid.integrate(scan_of(rng), pose, LrfConfig().range_trusted_m)
+    for step, (grid, _) in enumerate(growing(seed)):
         if step % 3 == 1:
             continue  # two scans between two looks
         for kept, work_out in (
@@ -108,11 +114,7 @@ def test_what_is_known_is_counted_as_it_is_drawn():
 
 @pytest.mark.parametrize("seed", range(3))
 def test_parts_asked_for_in_any_order_are_parts_of_the_whole(seed):
-    rng = np.random.default_rng(seed)
-    grid = OccupancyGrid(0.05, MapConfig())
-    for step in range(8):
-        pose = Pose2(*rng.uniform(-3.0, 3.0, 2) * (1 + step), rng.uniform(-3.0, 3.0))
-        grid.integrate(scan_of(rng), pose, LrfConfig().range_trusted_m)
+    for grid, rng in growing(seed):
         low = rng.integers(0, np.array(grid.shape) - 32)
         high = rng.integers(low + 1, grid.shape)
         part = tuple(slice(int(a), int(b)) for a, b in zip(low, high, strict=True))
