@@ -188,7 +188,9 @@ def _residuals(field: LikelihoodField, scan: Surfels, poses: FloatArray) -> _Res
     facing = c * (sx * nx + sy * ny) + s * (sx * ny - sy * nx)
     # surfaces that face apart do not correspond: the two edges of a door post are a wall apart
     least = np.where(flat * scan.is_flat == 0.0, GATE_COS_ROUND, GATE_COS)
-    is_matched = (surfel >= 0) & (facing > least)
+    # a wall that comes out from behind an edge is not the edge, and would draw the pose back
+    meets_round = ~(scan.is_flat | scan.is_lone)
+    is_matched = (surfel >= 0) & (facing > least) & ((flat == 1.0) | meets_round)
     px -= mx
     py -= my
     is_round = 1.0 - flat

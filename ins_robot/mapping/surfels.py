@@ -47,8 +47,9 @@ class Surfels:
     tilt_std_rad : (N,)
         Standard deviation of the normal's direction; 0 for round ones, which have none.
     is_lone : (N,) bool
-        Without neighbours: often the last reading of a wall seen at a slant, whose place along
-        the wall moves with the robot. It may lie on a map, but is no map.
+        Without neighbours, often the last reading of a wall seen at a slant; or round, where a
+        surface comes out from behind a nearer one. Its place moves with the robot: it may lie
+        on a map, but is no map, and no edge.
     sources : (N,) int64
         Node each surfel was seen from; -1 for a scan that is no node (yet).
     """
@@ -124,7 +125,8 @@ def surfels_of_scan(scan: LaserScan, bearing_std_rad: float, reach_max_m: float)
     stride = np.clip(np.round(VOTER_SPACING_M / np.maximum(spacing_m, 1e-6)), 1, STRIDE_MAX)
     index = np.arange(count)[:, None] + offsets * stride.astype(np.int64)[:, None]
     inside = (index >= 0) & (index < count)
-    steps = points[np.clip(index, 0, max(count - 1, 0))] - points[:, None, :]  # (N, 2k, 2)
+    index = np.clip(index, 0, max(count - 1, 0))
+    steps = points[index] - points[:, None, :]  # (N, 2k, 2)
     reach = REACH_M + REACH_PER_M * ranges
     votes = (inside & ((steps**2).sum(axis=-1) < (reach**2)[:, None])).astype(np.float64)
 
@@ -148,6 +150,8 @@ def surfels_of_scan(scan: LaserScan, bearing_std_rad: float, reach_max_m: float)
         across_var < FLAT_RATIO**2 * along_var + noise_var
     )
 
+    beside = np.concatenate([ranges[:1], ranges, ranges[-1:]])
+    is_behind = np.minimum(beside[:-2], beside[2:]) < ranges - reach
     rays = np.stack([np.cos(bearings), np.sin(bearings)], axis=-1)
     normals = np.where(is_flat[:, None], normals, -rays)
     cos_incidence = (normals * rays).sum(axis=-1)
@@ -162,6 +166,6 @@ def surfels_of_scan(scan: LaserScan, bearing_std_rad: float, reach_max_m: float)
         is_flat=is_flat,
         std_m=np.sqrt(np.where(is_flat, flat_var, round_var)),
         tilt_std_rad=np.where(is_flat, tilt_std, 0.0),
-        is_lone=votes.sum(axis=1) < VOTES_MIN,
+        is_lone=(votes.sum(axis=1) < VOTES_MIN) | (is_behind & ~is_flat),
         sources=np.full(count, -1),
     )

@@ -84,6 +84,22 @@ def test_search_finds_what_descent_could_not():
     assert found.value > 1.15 * found.rival_value
 
 
+def test_what_comes_into_view_draws_no_pose_back():
+    """Walls come out from behind door posts on the way; on average they move nothing."""
+    posts = [(x, y, x + 0.1, y + 2.5) for x in range(-8, 9, 2) for y in (-3.0, 0.5)]
+    walls = np.array(
+        [*box(-9.0, -3.0, 9.0, 3.0), *(wall for post in posts for wall in box(*post))]
+    )
+    off_m = []
+    for k in range(120):
+        before, now = np.array([-6.0 + 0.1 * k, 0.0, 0.0]), np.array([-5.5 + 0.1 * k, 0.0, 0.0])
+        seen = surfels_at(walls, before, k, std_m=0.003).seen_by(0)
+        field = LikelihoodField(seen.at(Pose2.from_array(before)))
+        scan = surfels_at(walls, now, k + 1000, std_m=0.003)
+        off_m.append(float(align(field, scan, now[None], now, WEAK).pose[0] - now[0]))
+    assert abs(np.mean(off_m)) < 0.00025
+
+
 def test_a_corridor_says_nothing_along_its_axis():
     field = field_at(CORRIDOR, np.zeros(3), 5)
     scan = surfels_at(CORRIDOR, (0.3, 0.05, 0.02), seed=6)
