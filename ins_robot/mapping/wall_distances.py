@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ins_robot.geometry.angles import FloatArray
-from ins_robot.mapping.cell_states import OCCUPIED_LOG_ODDS, solid, unknown
+from ins_robot.mapping.cell_states import CROSSED_LOG_ODDS, OCCUPIED_LOG_ODDS, solid, unknown
 from ins_robot.mapping.kept_layer import Changes, KeptLayer, Part, part_of
 from ins_robot.mapping.neighbourhood import grown
 from ins_robot.mapping.wall_points import NearReadings, wall_points
@@ -59,18 +59,24 @@ class WallDistances:
         from scipy.spatial import cKDTree
 
         low = np.array([part[0].start, part[1].start])
-        is_occupied = grid.log_odds[part] > OCCUPIED_LOG_ODDS
+        odds = grid.log_odds[part]
+        is_occupied = odds > OCCUPIED_LOG_ODDS
         first_m, last_m = (grid.metres(low + n * np.array(is_occupied.shape)) for n in (0, 1))
         points, ranges, counts = self.near.within(first_m, last_m)
         cells = grid.cells(points) - low
         drawn = ((cells >= 0) & (cells < is_occupied.shape)).all(axis=-1)
         seen, told = wall_points(
-            points[drawn], ranges[drawn], counts[drawn], cells[drawn], is_occupied
+            points[drawn],
+            ranges[drawn],
+            counts[drawn],
+            cells[drawn],
+            is_occupied,
+            odds < CROSSED_LOG_ODDS,
         )
         corners = grid.metres(np.argwhere(is_occupied & ~told) + low)[:, None] + (
             grid.resolution_m * CORNERS
         )
-        is_hidden = solid(grid.log_odds[part], grid.is_quiet[part]) & ~is_occupied & ~told
+        is_hidden = solid(odds, grid.is_quiet[part]) & ~is_occupied & ~told
         hidden = grid.metres(np.argwhere(is_hidden) + low)
         return cKDTree(np.concatenate([seen, corners.reshape(-1, 2), hidden]))
 

@@ -22,6 +22,7 @@ RINGS_M = (0.5, 1.0, 2.0)  # the nearer ring tells of a surface before the next
 SAME_M = 0.05  # a reading from further this near to one from nearer adds nothing but its noise
 NEARER_SHARE = 0.5  # and only then: what one scan saw of one surface is not told apart
 ALONE_M, ALONE_RAD = 0.01, 0.035  # no other so near, or within two beams: a ghost
+CROSSED_ALONE_M = 0.03  # ... where beams have passed: what is there is seen more than once
 TILE_M = 3.2  # edge of the squares in which readings are kept
 THIN_M = 0.01  # one reading per square of this size is enough
 
@@ -110,6 +111,7 @@ def wall_points(
     counts: NDArray[np.int64],
     cells: NDArray[np.int64],
     is_occupied: BoolArray,
+    is_crossed: BoolArray,
 ) -> tuple[FloatArray, BoolArray]:
     """The readings that count: (M, 2) points on surfaces, and (H, W) the cells beside them.
 
@@ -120,6 +122,8 @@ def wall_points(
     cells : (N, 2) int64
         The grid's cell of each; one that is not in or beside an occupied cell is a ghost, and
         so is one alone in a cell that is not occupied: the mixed reading of two surfaces.
+    is_occupied, is_crossed : (H, W) bool
+        Solid cells, and those that beams have passed through again and again.
     """
     if len(points_m) == 0:
         return points_m, np.zeros(is_occupied.shape, bool)
@@ -133,7 +137,10 @@ def wall_points(
         counts[real],
         cells[real],
     )
-    real = (counts > 1) | is_occupied[cells[:, 0], cells[:, 1]] | ~_is_alone(points_m, ranges_m)
+    rows, cols = cells.T
+    apart_m = ALONE_M + ALONE_RAD * ranges_m
+    apart_m[is_crossed[rows, cols]] = CROSSED_ALONE_M
+    real = (counts > 1) | is_occupied[rows, cols] | (_next_m(points_m) <= apart_m)
     points_m, ranges_m, cells = points_m[real], ranges_m[real], cells[real]
     is_told = np.zeros(len(points_m), bool)
     nearer_m = 0.0
@@ -151,9 +158,8 @@ def wall_points(
     return points_m[is_told], grown(told)
 
 
-def _is_alone(points_m: FloatArray, ranges_m: FloatArray) -> BoolArray:
-    """(N,) bool: which points (N, 2) have no other where the next beams would have met."""
+def _next_m(points_m: FloatArray) -> FloatArray:
+    """(N,) how far the nearest other one of points (N, 2) is."""
     from scipy.spatial import cKDTree
 
-    away, _ = cKDTree(points_m).query(points_m, k=2)
-    return np.asarray(away[:, 1] > ALONE_M + ALONE_RAD * ranges_m)
+    return np.asarray(cKDTree(points_m).query(points_m, k=2)[0][:, 1])
