@@ -74,10 +74,9 @@ class Explorer:
         guard: Guard = SeenGuard() if config.visibility_guard else NoGuard()
         self._barren = BarrenEdges()
         self._vain = BarrenEdges()
-        self._ledger = GapLedger(self.graph, guard, self._barren, self.bounds, lrf.range_max_m)
+        self._ledger = GapLedger(self.graph, guard, self.bounds, lrf.range_max_m)
         self._places = ScanPlaces(
             self.graph,
-            self._barren,
             sector_half_rad=self._sector_half_rad,
             range_m=lrf.range_max_m,
             must_gain=config.visibility_guard,
@@ -254,7 +253,13 @@ class Explorer:
         reason = f"{why}: {path.length_m:.1f} m to drive"
         drive = self._drive(scene, path, node, NO_GAP, reason)
         self._pursuit.set_out(
-            Target(drive=drive, node=node, gap=None, targets_m=np.zeros((0, 2)))
+            Target(
+                drive=drive,
+                node=node,
+                gap=None,
+                targets_m=np.zeros((0, 2)),
+                memory=scene.barren,
+            )
         )
         return drive
 
@@ -344,7 +349,7 @@ class Explorer:
                 node=found.node,
                 gap=found.gap,
                 targets_m=found.targets_m,
-                is_place=True,
+                memory=self._vain,
                 heeds_looks=aim.heeds_looks,
             )
         )
@@ -364,6 +369,13 @@ class Explorer:
         targets = scene.targets[node.index, gap.id]
         drive = self._drive(scene, path, node, gap.id, reason)
         self._pursuit.set_out(
-            Target(drive=drive, node=node, gap=gap, targets_m=targets, is_retraced=len(via) > 1)
+            Target(
+                drive=drive,
+                node=node,
+                gap=gap,
+                targets_m=targets,
+                memory=scene.barren,
+                is_retraced=len(via) > 1,
+            )
         )
         return drive

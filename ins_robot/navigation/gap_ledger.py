@@ -19,7 +19,7 @@ from ins_robot.navigation.guard import Guard, edges_of_gap
 from ins_robot.navigation.node_graph import Node, NodeGraph
 from ins_robot.navigation.scene import Scene
 from ins_robot.navigation.strategies import Candidate
-from ins_robot.navigation.unseen import SIGHT_M, BarrenEdges
+from ins_robot.navigation.unseen import SIGHT_M
 
 FAILURES_MAX = 2  # a goal refused this often is given up
 PASSING = (  # may change by itself
@@ -47,11 +47,10 @@ class GapLedger:
         self,
         graph: NodeGraph,
         guard: Guard,
-        barren: BarrenEdges,
         bounds: Bounds,
         range_m: float,
     ) -> None:
-        self._graph, self._guard, self._barren = graph, guard, barren
+        self._graph, self._guard = graph, guard
         self._bounds, self._range_m = bounds, range_m
         self._shown: dict[tuple[int, int], _Shown] = {}
 
@@ -67,7 +66,7 @@ class GapLedger:
         if known is None or (known.at_node < newest and self._has_changed(node, gap)):
             targets = self._guard.targets_m(scene.unseen, self._graph, node, gap)
         else:
-            targets = known.targets_m[~self._barren.mask(known.targets_m)]
+            targets = known.targets_m[~scene.barren.mask(known.targets_m)]
         self._shown[key] = _Shown(at_node=newest, targets_m=targets)
         return targets
 

@@ -39,10 +39,10 @@ class Target:
         None for a trip.
     targets_m : (N, 2) float64
         What the scan there is to show, map frame.
+    memory : BarrenEdges
+        Where it counts when it is in vain.
     is_retraced : bool
         Over the nodes of the way back.
-    is_place : bool
-        Chosen for what it promises, not for a gap.
     heeds_looks : bool
         By a strategy that counts tries itself.
     """
@@ -51,8 +51,8 @@ class Target:
     node: Node
     gap: Gap | None
     targets_m: FloatArray
+    memory: BarrenEdges
     is_retraced: bool = False
-    is_place: bool = False
     heeds_looks: bool = False
 
 
@@ -73,7 +73,7 @@ class Pursuit:
         barren: BarrenEdges,
         vain: BarrenEdges,
     ) -> None:
-        self._places, self._ways, self._barren, self._vain = places, ways, barren, vain
+        self._places, self._ways = places, ways
         self._chances = SecondChances(graph, barren, vain)
         self._under_way: Target | None = None
         self._scanned: Target | None = None
@@ -128,7 +128,7 @@ class Pursuit:
         still = ~scene.grid.contains(cells)
         still[~still] = scene.unseen.is_unseen[cells[~still, 0], cells[~still, 1]]
         if still.mean() > IN_VAIN_SHARE:
-            self._memory_of(target).strike(target.targets_m[still])
+            target.memory.strike(target.targets_m[still])
 
     def reopen(self, pose: Pose2) -> bool:
         """Open again what was given up elsewhere than here, each once; whether any was."""
@@ -144,12 +144,9 @@ class Pursuit:
             return
         gap = target.gap
         self._places.refuse(target.drive.path.points_m[-1])
-        self._memory_of(target).strike(target.targets_m)
+        target.memory.strike(target.targets_m)
         self._chances.refused(target.node, gap, target.targets_m)
         gap.failures += 1
         gap.is_deferred = True
         if gap.failures >= FAILURES_MAX:
             gap.set(GapState.UNREACHABLE, f"given up after {gap.failures} tries: {why}")
-
-    def _memory_of(self, target: Target) -> BarrenEdges:
-        return self._vain if target.is_place else self._barren

@@ -15,7 +15,7 @@ from ins_robot.geometry.angles import FloatArray, wrap_rad
 from ins_robot.navigation.gaps import Gap, GapKind, GapState
 from ins_robot.navigation.node_graph import Node, NodeGraph
 from ins_robot.navigation.scene import Scene
-from ins_robot.navigation.unseen import STRIKES, BarrenEdges
+from ins_robot.navigation.unseen import STRIKES
 from ins_robot.navigation.viewpoint import Look, Viewpoint, near_viewpoint, peeks
 
 GAIN_MIN_M2 = 0.15  # a scan that can show less adds nothing
@@ -29,13 +29,12 @@ class ScanPlaces:
     def __init__(
         self,
         graph: NodeGraph,
-        barren: BarrenEdges,
         *,
         sector_half_rad: float,
         range_m: float,
         must_gain: bool,
     ) -> None:
-        self._graph, self._barren = graph, barren
+        self._graph = graph
         self._half_rad, self._range_m = sector_half_rad, range_m
         self._must_gain = must_gain
         self._refused_m: list[FloatArray] = []
@@ -67,7 +66,7 @@ class ScanPlaces:
                     return peek
                 looks_in = True
             if looks_in:
-                self._barren.strike(look.targets_m, STRIKES)
+                scene.barren.strike(look.targets_m, STRIKES)
         if looks_in:
             gap.set(GapState.EXPLORED, "adds nothing: a scan there would show no more")
         else:

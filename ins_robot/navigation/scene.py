@@ -35,7 +35,7 @@ REACH_M = 0.15  # a place whose body is this near to an edge is at it
 SIGHT_M = 4.5  # beyond the ways that are looked for the map is looked at so far
 ALIGN_CELLS = 24  # coarser cells of 2, 6 and 8 are the same on a part of the map and on all
 CUT_CELLS = 3  # where it is cut, what is seen and unseen is told so much farther in
-NEAR_M = 0.5  # barren edges this near to newly opened ground get another chance
+NEAR_M = 0.5  # barren edges this near to newly opened ground are looked at afresh
 
 
 @dataclass(slots=True, kw_only=True)
@@ -197,6 +197,8 @@ class Scene:
         if not opened.any():
             return False
         near = distance_transform_edt(~opened, sampling=self.grid.resolution_m) <= NEAR_M
-        if self.barren.forgive(self.grid, near):
-            self.unseen = survey_unseen(self.grid, self.edge_min_m, self.barren, self.is_wanted)
+        afresh = self.barren.where_opened(self.grid, near)
+        if afresh is not None:
+            self.barren = afresh
+            self.unseen = survey_unseen(self.grid, self.edge_min_m, afresh, self.is_wanted)
         return True

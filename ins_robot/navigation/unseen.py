@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,7 @@ from ins_robot.navigation.sight import sees
 
 BoolArray = NDArray[np.bool_]
 IndexArray = NDArray[np.int64]
+Key = tuple[int, int]  # cell of the lattice of barren edges
 
 SPECK_CELLS = 3  # unseen ground thinner than this is a speck
 SIGHT_M = 3.0  # how far beyond an opening its edges may lie
@@ -36,54 +37,66 @@ STRIKES = 2  # scans (or failed drives) without change that make an edge barren
 
 @dataclass(slots=True)
 class BarrenEdges:
-    """Places whose edges did not move when they were scanned."""
+    """Places whose edges did not move when they were scanned.
 
-    _strikes: Counter[tuple[int, int]] = field(default_factory=Counter)
-    _forgiven: set[tuple[int, int]] = field(default_factory=set)
+    What has become reachable through a narrow passage counts afresh, for scans that are taken
+    from beyond it (`where_opened`), since those see it from where none was taken before.
+    """
+
+    _strikes: Counter[Key] = field(default_factory=Counter)
+    _opened_strikes: Counter[Key] = field(default_factory=Counter)
+    _pardoned: set[Key] = field(default_factory=set)
+    _opened: frozenset[Key] = frozenset()
 
     def strike(self, points_m: FloatArray, count: int = 1) -> None:
         """Count one more scan in vain for the edges at points (N, 2)."""
-        for key in {self._key(point) for point in np.asarray(points_m, float).tolist()}:
-            self._strikes[key] += count
+        for key in self._keys(points_m):
+            counter = self._opened_strikes if key in self._opened else self._strikes
+            counter[key] += count
 
     def mask(self, points_m: FloatArray) -> BoolArray:
         """(N,) bool: which points are barren."""
         if not self._strikes:
             return np.zeros(len(points_m), bool)
-        return np.array(
-            [self._strikes[self._key(point)] >= STRIKES for point in points_m.tolist()], bool
-        )
+        return np.array([self._is_barren(self._key(p)) for p in points_m.tolist()], bool)
 
-    def forgive(self, grid: OccupancyGrid, is_near: BoolArray) -> bool:
-        """Give barren edges in cells (H, W) bool another chance, each once; whether any was."""
-        barren = [
-            k for k, n in self._strikes.items() if n >= STRIKES and k not in self._forgiven
-        ]
+    def _is_barren(self, key: Key) -> bool:
+        counter = self._opened_strikes if key in self._opened else self._strikes
+        return counter[key] >= STRIKES
+
+    def where_opened(self, grid: OccupancyGrid, is_near: BoolArray) -> BarrenEdges | None:
+        """The same memory, by what was seen from beyond a narrow passage in cells (H, W) bool.
+
+        None where that makes no difference.
+        """
+        barren = [key for key, count in self._strikes.items() if count >= STRIKES]
         if not barren:
-            return False
+            return None
         cells = grid.cells((np.array(barren) + 0.5) * BARREN_CELL_M)
         inside = grid.contains(cells)
         inside[inside] = is_near[cells[inside, 0], cells[inside, 1]]
-        chosen = [key for key, is_chosen in zip(barren, inside, strict=True) if is_chosen]
-        self._forgiven.update(chosen)
-        for key in chosen:
-            del self._strikes[key]
-        return bool(chosen)
+        opened = frozenset(key for key, is_in in zip(barren, inside, strict=True) if is_in)
+        if all(self._opened_strikes[key] >= STRIKES for key in opened):
+            return None
+        return replace(self, _opened=opened)
 
     def pardon(self, points_m: FloatArray) -> None:
         """Forget what was counted at points (N, 2)."""
-        for point in np.asarray(points_m, float).tolist():
-            self._strikes.pop(self._key(point), None)
+        for key in self._keys(points_m):
+            self._strikes.pop(key, None)
 
     def pardon_once(self, points_m: FloatArray) -> None:
-        """The same, but what was pardoned or forgiven before stays counted."""
-        keys = {self._key(point) for point in np.asarray(points_m, float).tolist()}
-        for key in keys - self._forgiven:
+        """The same, but what was pardoned before stays counted."""
+        keys = self._keys(points_m)
+        for key in keys - self._pardoned:
             self._strikes.pop(key, None)
-        self._forgiven |= keys
+        self._pardoned |= keys
+
+    def _keys(self, points_m: FloatArray) -> set[Key]:
+        return {self._key(point) for point in np.asarray(points_m, float).tolist()}
 
     @staticmethod
-    def _key(point: list[float]) -> tuple[int, int]:
+    def _key(point: list[float]) -> Key:
         return math.floor(point[0] / BARREN_CELL_M), math.floor(point[1] / BARREN_CELL_M)
 
 

@@ -80,6 +80,22 @@ def test_edges_become_barren_after_two_scans_in_vain():
     assert len(survey(is_known, barren=barren).cells) == 0
 
 
+def test_barren_edges_are_looked_at_afresh_from_beyond_a_passage_and_no_longer_than_others():
+    is_known = known_but(slice(50, 60), slice(50, 70))
+    barren, grid = BarrenEdges(), grid_of(ROOM, is_known)
+    ahead = survey(is_known).ahead_m
+    everywhere = np.ones(grid.shape, bool)
+    assert barren.where_opened(grid, everywhere) is None
+    barren.strike(ahead, 2)
+    assert barren.where_opened(grid, ~everywhere) is None
+    for _ in range(2):
+        afresh = barren.where_opened(grid, everywhere)
+        assert len(survey(is_known, barren=afresh).cells) > 0
+        assert len(survey(is_known, barren=barren).cells) == 0
+        afresh.strike(ahead)
+    assert barren.where_opened(grid, everywhere) is None
+
+
 def test_a_long_edge_is_cut_into_pieces_of_about_the_length_asked_for():
     unseen = survey(known_but(slice(50, 53), slice(20, 100)))
     parts = pieces(unseen, int(unseen.edge_of[0]), 2.0)
