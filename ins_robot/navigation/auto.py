@@ -4,19 +4,23 @@
 Of the places the robot can reach, the one from which a scan is expected to show most unseen
 ground for what it costs to get there. Places are compared, not edges: one from which several
 gaps show wins, and what shows from afar is not driven to. Small pockets are closed while they
-are near, because the way counts from nearly nothing.
+are near, because the way counts from nearly nothing; and on the way to a far place the robot
+first looks where it shows more for the detour, since it would have to come back for that.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
+from scipy.ndimage import minimum_filter
 
-from ins_robot.geometry.angles import wrap_rad
+from ins_robot.geometry.angles import FloatArray, wrap_rad
 from ins_robot.navigation.coarse_outlook import coarsened, refined
 from ins_robot.navigation.demands import Demands, demands_of, shows_from
 from ins_robot.navigation.outlook import Aim, BoolArray, IndexArray, Outlook, PastLooks
+from ins_robot.navigation.wave import wave
 
 CELL_M = 0.1  # what is seen from where is worked out in cells of this size
 STOP_M = 0.3  # a scan costs as much as this much way
@@ -28,11 +32,17 @@ BATCH = 150  # demands looked at together, nearest first: by the way as far as R
 FINE_SIGHT_M, FINE_PITCH_M, FINE_BATCH = 6.0, 0.1, 40  # when nothing shows: through keyholes
 NEAR_M = 5.0  # the least a scan must be expected to show grows with the way from there on
 AREA_POWER = 0.7  # below 1: small pockets are closed while they are near
+FAR_M = 2.0  # a place farther than this has others on the way to it
+BESIDE_M = 0.5  # keyholes that need no longer detour are looked through on the way
+BESIDE_PITCH_M, KEYHOLE_MIN_M2 = 0.2, 0.05
 REACH_M = 6.0  # places are looked for so far around first
 WIDER = 2.0  # and then so many times as far at most
 VIEW_MAX_M2 = 5.0  # places farther on are taken to show no more; few do (6.2 was seen)
 
-_Found = tuple[Aim, float]  # and what it is worth
+_Found = tuple[
+    Aim, float
+]  # what to look at first, and what the place it is on the way to is worth
+_NONE = np.zeros((0, 2), np.int64)
 
 
 class Auto:
@@ -64,12 +74,13 @@ class Auto:
         return refined(outlook, aim, times) if times > 1 else aim
 
     def _found(self, outlook: Outlook) -> _Found | None:
-        none = np.zeros((0, 2), np.int64)
-        demands = demands_of(outlook, np.concatenate([none, *outlook.edges]))
-        coarse = _look(outlook, demands, PITCH_M, SIGHT_M, BATCH)
-        if coarse is not None or not self._is_alone:
-            return coarse
-        edges = np.concatenate([none, *outlook.edges, *outlook.short_edges])
+        demands = demands_of(outlook, np.concatenate([_NONE, *outlook.edges]))
+        found = _look(outlook, demands, PITCH_M, SIGHT_M, BATCH)
+        if not self._is_alone:
+            return found
+        if found is not None:
+            return _keyhole_before(outlook, found)
+        edges = np.concatenate([_NONE, *outlook.edges, *outlook.short_edges])
         demands = demands_of(outlook, edges)
         return _look(outlook, demands, FINE_PITCH_M, FINE_SIGHT_M, FINE_BATCH)
 
@@ -98,6 +109,28 @@ def _look(
     return None
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Views:
+    """What places (P, 2) show of the demands, without what was looked at in vain: (P, D)."""
+
+    places: IndexArray
+    demands: Demands
+    shows: BoolArray
+
+    def aim(self, place: int, worth: float) -> Aim:
+        """One of the places as an aim."""
+        area_m2 = float(self.shows[place] @ self.demands.area_m2)
+        shown = np.flatnonzero(self.shows[place])
+        shown = shown[np.argsort(-self.demands.area_m2[shown], kind="stable")]
+        return Aim(
+            cell=(int(self.places[place, 0]), int(self.places[place, 1])),
+            targets=self.demands.edge_cells[shown],
+            why=f"{area_m2:.1f} m2 in view",
+            heeds_looks=True,
+            worth=worth,
+        )
+
+
 def _best(
     outlook: Outlook, places: IndexArray, demands: Demands, sight_m: float
 ) -> _Found | None:
@@ -107,27 +140,74 @@ def _best(
     places = places[((places >= low) & (places <= high)).all(axis=1)]
     if len(places) == 0:
         return None
+    views = _views(outlook, places, demands, sight_m)
+    way_m = outlook.cost_m[places[:, 0], places[:, 1]]
+    worth = _worth(views.shows @ demands.area_m2, way_m, outlook.gain_min_m2)
+    best = int(worth.argmax())
+    worth_m = float(worth[best])
+    if worth_m == 0.0:
+        return None
+    first, first_worth = best, worth_m
+    if way_m[best] > FAR_M and not outlook.looks_on_the_way:
+        detour_m = _detours_m(outlook, tuple(places[best].tolist()))
+        detour_m = detour_m[places[:, 0], places[:, 1]]
+        first, first_worth = _before(views, best, worth_m, detour_m, outlook.gain_min_m2)
+    return views.aim(first, first_worth), worth_m
+
+
+def _worth(area_m2: FloatArray, way_m: FloatArray, gain_min_m2: float) -> FloatArray:
+    """(P,) what is to be seen for the way; 0 where it is less than a scan must show."""
+    is_worth = area_m2 > gain_min_m2 * np.maximum(1.0, way_m / NEAR_M)
+    return np.asarray(is_worth * area_m2**AREA_POWER / (STOP_M + way_m))
+
+
+def _before(
+    views: _Views, best: int, worth: float, detour_m: FloatArray, gain_min_m2: float
+) -> tuple[int, float]:
+    """The place to look from before one is gone to, and what that is worth; or that one.
+
+    What it shows that the other does not counts, for the detour (P,) alone.
+    """
+    beside_m2 = (views.shows & ~views.shows[best]) @ views.demands.area_m2
+    for_detour = _worth(beside_m2, detour_m, gain_min_m2)
+    first = int(for_detour.argmax())
+    return (first, float(for_detour[first])) if for_detour[first] > worth else (best, worth)
+
+
+def _detours_m(outlook: Outlook, cell: tuple[int, int]) -> FloatArray:
+    """(H, W) how much longer the way to a cell is by each other one; inf: there is none."""
+    on_m, _ = wave(outlook.factor, cell, outlook.resolution_m)
+    return np.asarray(np.maximum(outlook.cost_m + on_m - outlook.cost_m[cell], 0.0))
+
+
+def _keyhole_before(outlook: Outlook, found: _Found) -> _Found:
+    """A place right beside the way that looks through a keyhole; else what was found."""
+    aim, worth = found
+    if outlook.looks_on_the_way or outlook.cost_m[aim.cell] <= FAR_M:
+        return found
+    detour_m = _detours_m(outlook, aim.cell)
+    places = np.argwhere(detour_m <= BESIDE_M)
+    places = places[(places % round(BESIDE_PITCH_M / outlook.resolution_m) == 0).all(axis=1)]
+    edges = np.concatenate([_NONE, *outlook.edges, *outlook.short_edges])
+    size = 2 * round(1.0 / outlook.resolution_m) + 1
+    near_m = minimum_filter(detour_m, size=size)[edges[:, 0], edges[:, 1]]
+    demands = demands_of(outlook, edges[near_m <= BESIDE_M])
+    if len(demands.cells) == 0:
+        return found
+    views = _views(outlook, np.concatenate([places, [aim.cell]]), demands, FINE_SIGHT_M)
+    detour_m = detour_m[views.places[:, 0], views.places[:, 1]]
+    first, first_worth = _before(views, len(places), aim.worth, detour_m, KEYHOLE_MIN_M2)
+    return found if first == len(places) else (views.aim(first, first_worth), worth)
+
+
+def _views(outlook: Outlook, places: IndexArray, demands: Demands, sight_m: float) -> _Views:
+    reach = round(sight_m / outlook.resolution_m)
+    low, high = demands.cells.min(axis=0) - reach, demands.cells.max(axis=0) + reach
     nodes, at = _looks_near(outlook, low, high)
     seen = shows_from(outlook, np.concatenate([places, at]), demands.cells, sight_m)
     shows, was_seen = seen[: len(places)], seen[len(places) :]
     _drop_looked_at(outlook.looks.part(nodes), was_seen, places, demands.cells, shows)
-    area_m2 = shows @ demands.area_m2
-    way_m = outlook.cost_m[places[:, 0], places[:, 1]]
-    is_worth = area_m2 > outlook.gain_min_m2 * np.maximum(1.0, way_m / NEAR_M)
-    worth = is_worth * area_m2**AREA_POWER / (STOP_M + way_m)
-    best = int(worth.argmax())
-    if not is_worth[best]:
-        return None
-    shown = np.flatnonzero(shows[best])
-    shown = shown[np.argsort(-demands.area_m2[shown], kind="stable")]
-    aim = Aim(
-        cell=(int(places[best, 0]), int(places[best, 1])),
-        targets=demands.edge_cells[shown],
-        why=f"{area_m2[best]:.1f} m2 in view",
-        heeds_looks=True,
-        worth=float(worth[best]),
-    )
-    return aim, float(worth[best])
+    return _Views(places=places, demands=demands, shows=shows)
 
 
 def _looks_near(

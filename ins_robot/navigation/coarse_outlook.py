@@ -21,12 +21,13 @@ def coarsened(outlook: Outlook, times: int) -> Outlook:
     is_opaque = _pooled(outlook.is_opaque, times, np.logical_or, False)
     is_unseen = _pooled(outlook.is_unseen, times, np.logical_and, True) & ~is_opaque
     cost_m = _pooled(outlook.cost_m, times, np.minimum, np.inf)
+    factor = _pooled(outlook.factor, times, np.minimum, np.inf)
     return replace(
         outlook,
         resolution_m=outlook.resolution_m * times,
         is_unseen=is_unseen,
         is_opaque=is_opaque,
-        factor=np.where(np.isfinite(cost_m), 1.0, np.inf),
+        factor=np.where(np.isfinite(cost_m), factor, np.inf),
         cost_m=cost_m,
         before=np.zeros((0, 0), np.int64),
         here=(outlook.here[0] // times, outlook.here[1] // times),

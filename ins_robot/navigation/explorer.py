@@ -69,6 +69,7 @@ class Explorer:
         keep_m = max(self._body.keep_m, robot.radius_m + FENCE_MARGIN_M)
         self.bounds = Bounds(config, keep_m)
         self._range_m = lrf.range_max_m
+        self._looks_on_the_way = lrf.power == "continuous"
         self._sector_half_rad = float(np.radians(lrf.sector_deg))
         self._strategy = make_strategy(config.strategy)
         guard: Guard = SeenGuard() if config.visibility_guard else NoGuard()
@@ -293,6 +294,7 @@ class Explorer:
             barren=self._barren,
             edge_min_m=self._config.frontier_min_m,
             reach_m=reach_m,
+            looks_on_the_way=self._looks_on_the_way,
         )
 
     def _identify_neighbours(self, scene: Scene) -> None:

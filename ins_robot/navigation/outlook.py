@@ -75,6 +75,8 @@ class Outlook:
         A scan that is expected to show no more adds nothing.
     looks : PastLooks
         What is unseen though it was looked at: another scan from there will not show it either.
+    looks_on_the_way : bool
+        The robot scans while it drives: what shows from the way needs no stop.
     limit_m : float
         Dearer ways are not known yet, and places to which they lead not all.
     wider : callable or None
@@ -94,6 +96,7 @@ class Outlook:
     short_edges: tuple[IndexArray, ...] = ()
     gain_min_m2: float = 0.0
     looks: PastLooks = field(default_factory=PastLooks.none)
+    looks_on_the_way: bool = False
     limit_m: float = math.inf
     wider: Callable[[float], Outlook] | None = None
 

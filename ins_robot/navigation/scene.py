@@ -48,6 +48,8 @@ class Scene:
         All of it; `grid` is the part around the robot that is looked at.
     reach_m : float
         Ways no dearer than this are known; inf: all, on all of the map.
+    looks_on_the_way : bool
+        The LRF is always on.
     limits : callable
         `is_allowed` and `is_wanted` of a grid.
     driven_m : callable
@@ -70,6 +72,7 @@ class Scene:
     barren: BarrenEdges
     edge_min_m: float
     reach_m: float
+    looks_on_the_way: bool = False
     grid: OccupancyGrid = field(init=False)
     is_allowed: BoolArray | None = field(init=False)
     is_wanted: BoolArray | None = field(init=False)
@@ -165,6 +168,7 @@ class Scene:
             gain_min_m2=GAIN_MIN_M2,
             looks=self._looks(graph),
             reach_cells=math.ceil((self.body.radius_m + REACH_M) / resolution),
+            looks_on_the_way=self.looks_on_the_way,
             limit_m=self.reach_m,
             wider=wider if math.isfinite(self.reach_m) else None,
         )

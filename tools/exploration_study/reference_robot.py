@@ -124,6 +124,7 @@ class ReferenceRobot:
             edges=long,
             short_edges=short,
             reach_cells=REACH_CELLS,
+            looks_on_the_way=self.mode == "enroute",
         )
         return (int(first[0]), int(first[1])), outlook
 

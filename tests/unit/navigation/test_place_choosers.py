@@ -35,6 +35,14 @@ NEAR_SLIT_FAR_HALL = """
 ########################################
 """
 
+NICHE_ON_THE_WAY = "\n".join([
+    "#" * 92,
+    *2 * ["#" * 35 + "  " + "#" * 55],
+    "#R" + "." * 86 + "   #",
+    *2 * ["#" + "." * 87 + "   #"],
+    "#" * 92,
+])  # fmt: skip
+
 
 def drawn(text):
     rows = text.strip("\n").split("\n")
@@ -106,6 +114,17 @@ def test_auto_looks_from_afar_instead_of_driving_there():
     nearest_edge = PLACE_CHOOSERS["explore-lite"]().aim(outlook)
     assert outlook.cost_m[auto.cell] < outlook.cost_m[nearest_edge.cell]
     assert len(auto.targets) > 1
+
+
+@pytest.mark.parametrize("is_alone", [False, True])
+def test_auto_looks_into_a_niche_on_the_way_unless_it_looks_on_the_way_anyhow(is_alone):
+    outlook = drawn(NICHE_ON_THE_WAY)
+    auto = Auto(is_alone=is_alone)
+    aim = auto.aim(outlook)
+    assert aim.targets[:, 1].max() < 40
+    assert outlook.cost_m[aim.cell] > 1.0
+    driving = Outlook(**{**vars(outlook), "looks_on_the_way": True})
+    assert auto.aim(driving).targets[:, 1].min() > 80
 
 
 def test_auto_looks_at_short_edges_last():
