@@ -57,7 +57,8 @@ def identify_neighbours(
         other = graph.nodes[int(index)]
         if other is new:
             continue
-        crossed = [*_crossed(new, other), *_crossed(other, new)]
+        with_closed = is_seen is None  # else the map is asked, not they
+        crossed = [*_crossed(new, other, with_closed), *_crossed(other, new, with_closed)]
         for node, gap in crossed:  # B
             if gap.is_open and (is_seen is None or is_seen(node, gap)):
                 gap.set(GapState.EXPLORED, f"lies between nodes {new.id} and {other.id}")
@@ -76,9 +77,9 @@ def _cost(driven_m: FloatArray, away_m: FloatArray, index: int) -> float:
     return float(driven_m[index] if math.isfinite(driven_m[index]) else away_m[index])
 
 
-def _crossed(node: Node, other: Node) -> list[tuple[Node, Gap]]:
+def _crossed(node: Node, other: Node, with_closed: bool) -> list[tuple[Node, Gap]]:
     """Gaps of `node` that the line to `other` crosses."""
-    gaps = [gap for gap in node.gaps if gap.kind is GapKind.OPENING]
+    gaps = [g for g in node.gaps if g.kind is GapKind.OPENING and (g.is_open or with_closed)]
     if not gaps:
         return []
     ends = node.pose.apply(np.stack([gap.ends_m for gap in gaps]).reshape(-1, 2))
