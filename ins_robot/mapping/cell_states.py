@@ -13,8 +13,7 @@ Float32Array = NDArray[np.float32]
 
 KNOWN_LOG_ODDS = 0.05  # less evidence than this says nothing (the weakest miss is 0.1)
 OCCUPIED_LOG_ODDS = 0.2  # one weak far hit is not yet a wall
-
-CROSSED_LOG_ODDS = -1.0  # three beams more have passed than have ended there
+CROSSED_LOG_ODDS = -1.0  # below: at least three scans have looked through, five if one hit it
 
 
 def unknown(log_odds: Float32Array) -> BoolArray:

@@ -18,7 +18,13 @@ from numpy.typing import NDArray
 from ins_robot.config import MapConfig
 from ins_robot.geometry.angles import FloatArray
 from ins_robot.geometry.pose2 import Pose2
-from ins_robot.mapping.cell_states import KNOWN_LOG_ODDS, OCCUPIED_LOG_ODDS, solid, unknown
+from ins_robot.mapping.cell_states import (
+    CROSSED_LOG_ODDS,
+    KNOWN_LOG_ODDS,
+    OCCUPIED_LOG_ODDS,
+    solid,
+    unknown,
+)
 from ins_robot.mapping.evidence_sums import UNIT, limit_units, steps_of
 from ins_robot.mapping.kept_layer import Part
 from ins_robot.mapping.ray_cast import cast_rays
@@ -274,11 +280,9 @@ class OccupancyGrid:
         limit = np.float32(limit_units(self.config) * UNIT)
         np.clip(window + step, -limit, limit, out=window)
         self._known_cells += int(unknown(before).sum()) - int(unknown(window).sum())
-        changed = (
-            (is_quiet != was_quiet)
-            | ((before > OCCUPIED_LOG_ODDS) != (window > OCCUPIED_LOG_ODDS))
-            | ((before < -KNOWN_LOG_ODDS) != (window < -KNOWN_LOG_ODDS))
-        )
+        changed = is_quiet != was_quiet
+        for told in (OCCUPIED_LOG_ODDS, -KNOWN_LOG_ODDS, CROSSED_LOG_ODDS):
+            changed |= (before > told) != (window > told)
         rows, cols = (np.flatnonzero(changed.any(axis=axis)) for axis in (1, 0))
         if len(rows):
             first = (footprint.corner[0] + int(rows[0]), footprint.corner[1] + int(cols[0]))

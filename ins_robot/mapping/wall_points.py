@@ -122,6 +122,7 @@ def wall_points(
     cells : (N, 2) int64
         The grid's cell of each; one that is not in or beside an occupied cell is a ghost, and
         so is one alone in a cell that is not occupied: the mixed reading of two surfaces.
+        Alone is farther from the next than two beams are apart; in a crossed cell than 3 cm.
     is_occupied, is_crossed : (H, W) bool
         Solid cells, and those that beams have passed through again and again.
     """
@@ -139,7 +140,7 @@ def wall_points(
     )
     rows, cols = cells.T
     apart_m = ALONE_M + ALONE_RAD * ranges_m
-    apart_m[is_crossed[rows, cols]] = CROSSED_ALONE_M
+    apart_m = np.where(is_crossed[rows, cols], np.minimum(apart_m, CROSSED_ALONE_M), apart_m)
     real = (counts > 1) | is_occupied[rows, cols] | (_next_m(points_m) <= apart_m)
     points_m, ranges_m, cells = points_m[real], ranges_m[real], cells[real]
     is_told = np.zeros(len(points_m), bool)

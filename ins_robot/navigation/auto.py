@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.ndimage import minimum_filter
@@ -39,10 +40,14 @@ REACH_M = 6.0  # places are looked for so far around first
 WIDER = 2.0  # and then so many times as far at most
 VIEW_MAX_M2 = 5.0  # places farther on are taken to show no more; few do (6.2 was seen)
 
-_Found = tuple[
-    Aim, float
-]  # what to look at first, and what the place it is on the way to is worth
 _NONE = np.zeros((0, 2), np.int64)
+
+
+class _Found(NamedTuple):
+    """The aim, and what another one on the way to it would have to be worth for its detour."""
+
+    aim: Aim
+    to_beat: float
 
 
 class Auto:
@@ -70,8 +75,7 @@ class Auto:
             outlook = outlook.wider(min(asked_m, WIDER * outlook.limit_m))
         if found is None:
             return None
-        aim, _ = found
-        return refined(outlook, aim, times) if times > 1 else aim
+        return refined(outlook, found.aim, times) if times > 1 else found.aim
 
     def _found(self, outlook: Outlook) -> _Found | None:
         demands = demands_of(outlook, np.concatenate([_NONE, *outlook.edges]))
@@ -87,7 +91,7 @@ class Auto:
 
 def _better_within_m(found: _Found | None) -> float:
     """No place to which the way is dearer than this can be worth more."""
-    return math.inf if found is None else VIEW_MAX_M2**AREA_POWER / found[1] - STOP_M
+    return math.inf if found is None else VIEW_MAX_M2**AREA_POWER / found.aim.worth - STOP_M
 
 
 def _look(
@@ -144,20 +148,20 @@ def _best(
     way_m = outlook.cost_m[places[:, 0], places[:, 1]]
     worth = _worth(views.shows @ demands.area_m2, way_m, outlook.gain_min_m2)
     best = int(worth.argmax())
-    worth_m = float(worth[best])
-    if worth_m == 0.0:
+    if worth[best] == 0.0:
         return None
-    first, first_worth = best, worth_m
+    first, to_beat = best, float(worth[best])
     if way_m[best] > FAR_M and not outlook.looks_on_the_way:
         detour_m = _detours_m(outlook, tuple(places[best].tolist()))
         detour_m = detour_m[places[:, 0], places[:, 1]]
-        first, first_worth = _before(views, best, worth_m, detour_m, outlook.gain_min_m2)
-    return views.aim(first, first_worth), worth_m
+        first, to_beat = _before(views, best, to_beat, detour_m, outlook.gain_min_m2)
+    return _Found(views.aim(first, float(worth[best])), to_beat)
 
 
 def _worth(area_m2: FloatArray, way_m: FloatArray, gain_min_m2: float) -> FloatArray:
     """(P,) what is to be seen for the way; 0 where it is less than a scan must show."""
-    is_worth = area_m2 > gain_min_m2 * np.maximum(1.0, way_m / NEAR_M)
+    is_worth = np.isfinite(way_m)
+    is_worth &= area_m2 > np.where(is_worth, gain_min_m2 * np.maximum(1.0, way_m / NEAR_M), 0.0)
     return np.asarray(is_worth * area_m2**AREA_POWER / (STOP_M + way_m))
 
 
@@ -182,10 +186,10 @@ def _detours_m(outlook: Outlook, cell: tuple[int, int]) -> FloatArray:
 
 def _keyhole_before(outlook: Outlook, found: _Found) -> _Found:
     """A place right beside the way that looks through a keyhole; else what was found."""
-    aim, worth = found
-    if outlook.looks_on_the_way or outlook.cost_m[aim.cell] <= FAR_M:
+    cell = found.aim.cell
+    if outlook.looks_on_the_way or outlook.cost_m[cell] <= FAR_M:
         return found
-    detour_m = _detours_m(outlook, aim.cell)
+    detour_m = _detours_m(outlook, cell)
     places = np.argwhere(detour_m <= BESIDE_M)
     places = places[(places % round(BESIDE_PITCH_M / outlook.resolution_m) == 0).all(axis=1)]
     edges = np.concatenate([_NONE, *outlook.edges, *outlook.short_edges])
@@ -194,10 +198,11 @@ def _keyhole_before(outlook: Outlook, found: _Found) -> _Found:
     demands = demands_of(outlook, edges[near_m <= BESIDE_M])
     if len(demands.cells) == 0:
         return found
-    views = _views(outlook, np.concatenate([places, [aim.cell]]), demands, FINE_SIGHT_M)
+    views = _views(outlook, np.concatenate([places, [cell]]), demands, FINE_SIGHT_M)
     detour_m = detour_m[views.places[:, 0], views.places[:, 1]]
-    first, first_worth = _before(views, len(places), aim.worth, detour_m, KEYHOLE_MIN_M2)
-    return found if first == len(places) else (views.aim(first, first_worth), worth)
+    last = len(places)
+    first, to_beat = _before(views, last, found.to_beat, detour_m, KEYHOLE_MIN_M2)
+    return found if first == last else _Found(views.aim(first, found.aim.worth), to_beat)
 
 
 def _views(outlook: Outlook, places: IndexArray, demands: Demands, sight_m: float) -> _Views:

@@ -142,7 +142,7 @@ class Aim:
     `cell` is where to stand, `targets` (T, 2) the edge cells a scan there is for, the most
     telling first; `why` one clause for the log. `heeds_looks`: the strategy itself does not aim
     again at what was looked at in vain. `worth` is what it expects for the way, in a unit
-    of its own.
+    of its own; of a place on the way to another one, that one's.
     """
 
     cell: Cell

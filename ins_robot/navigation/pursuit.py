@@ -144,7 +144,7 @@ class Pursuit:
             return
         gap = target.gap
         self._places.refuse(target.drive.path.points_m[-1])
-        target.memory.strike(target.targets_m)
+        target.memory.refuse(target.targets_m)
         self._chances.refused(target.node, gap, target.targets_m)
         gap.failures += 1
         gap.is_deferred = True

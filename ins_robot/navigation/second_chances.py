@@ -60,7 +60,7 @@ class SecondChances:
             refusal.gap.failures -= 1
             refusal.gap.is_deferred = False
             refusal.gap.set(GapState.UNEXPLORED, "")
-            self._barren.pardon(refusal.targets_m)
+            self._barren.pardon_once(refusal.targets_m)
             self._vain.pardon_once(refusal.targets_m)
         return bool(ready)
 

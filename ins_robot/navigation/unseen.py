@@ -39,8 +39,8 @@ STRIKES = 2  # scans (or failed drives) without change that make an edge barren
 class BarrenEdges:
     """Places whose edges did not move when they were scanned.
 
-    What has become reachable through a narrow passage counts afresh, for scans that are taken
-    from beyond it (`where_opened`), since those see it from where none was taken before.
+    What has become reachable through a narrow passage counts afresh (`where_opened`) for drives
+    over that ground: they lead to where none was scanned from before.
     """
 
     _strikes: Counter[Key] = field(default_factory=Counter)
@@ -54,9 +54,16 @@ class BarrenEdges:
             counter = self._opened_strikes if key in self._opened else self._strikes
             counter[key] += count
 
+    def refuse(self, points_m: FloatArray) -> None:
+        """Count a drive that failed; through a narrow passage none is tried again for them."""
+        keys = self._keys(points_m)
+        self._strikes.update(keys - self._opened)
+        for key in keys & self._opened:
+            self._opened_strikes[key] = STRIKES
+
     def mask(self, points_m: FloatArray) -> BoolArray:
         """(N,) bool: which points are barren."""
-        if not self._strikes:
+        if not (self._strikes or self._opened_strikes):
             return np.zeros(len(points_m), bool)
         return np.array([self._is_barren(self._key(p)) for p in points_m.tolist()], bool)
 
@@ -65,7 +72,7 @@ class BarrenEdges:
         return counter[key] >= STRIKES
 
     def where_opened(self, grid: OccupancyGrid, is_near: BoolArray) -> BarrenEdges | None:
-        """The same memory, by what was seen from beyond a narrow passage in cells (H, W) bool.
+        """The same memory, where drives over ground opened in cells (H, W) bool count.
 
         None where that makes no difference.
         """
@@ -80,16 +87,12 @@ class BarrenEdges:
             return None
         return replace(self, _opened=opened)
 
-    def pardon(self, points_m: FloatArray) -> None:
-        """Forget what was counted at points (N, 2)."""
-        for key in self._keys(points_m):
-            self._strikes.pop(key, None)
-
     def pardon_once(self, points_m: FloatArray) -> None:
-        """The same, but what was pardoned before stays counted."""
+        """Forget what was counted at points (N, 2), but for those pardoned before."""
         keys = self._keys(points_m)
         for key in keys - self._pardoned:
             self._strikes.pop(key, None)
+            self._opened_strikes.pop(key, None)
         self._pardoned |= keys
 
     def _keys(self, points_m: FloatArray) -> set[Key]:

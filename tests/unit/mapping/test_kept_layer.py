@@ -112,6 +112,27 @@ def test_what_is_known_is_counted_as_it_is_drawn():
     assert grid.known_m2 == other.known_m2 == pytest.approx(count * 0.05**2)
 
 
+def test_clearance_follows_when_a_lone_reading_turns_out_a_ghost():
+    """Others look past it from afar, so that no reading near it changes."""
+    bearings = np.radians(np.arange(-40.0, 41.0))
+    grid = OccupancyGrid(0.05, MapConfig())
+    ranges = 1.9 / np.cos(bearings)
+    ranges[40] -= 0.065
+    told = []
+    for back_m in [0.0, *[1.4] * 9]:
+        seen = ranges if back_m == 0.0 else (1.9 + back_m) / np.cos(bearings)
+        scan = LaserScan(
+            stamp_s=0.0, bearings_rad=bearings, ranges_m=seen, range_std_m=np.full(81, 0.01),
+            beam_offsets_s=np.zeros(81), range_max_m=6.0,
+        )  # fmt: skip
+        grid.integrate(scan, Pose2(-back_m, 0.0, 0.0), 5.0)
+        fresh = afresh(grid, grid.distances._clearance_of)
+        np.testing.assert_allclose(grid.clearance_m(), fresh, atol=1e-9)
+        told.append(float(grid.walls().query((1.835, 0.0))[0]))
+    assert told[0] < 0.01
+    assert told[-1] > 0.05
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_parts_asked_for_in_any_order_are_parts_of_the_whole(seed):
     for grid, rng in growing(seed):

@@ -35,13 +35,18 @@ NEAR_SLIT_FAR_HALL = """
 ########################################
 """
 
-NICHE_ON_THE_WAY = "\n".join([
-    "#" * 92,
-    *2 * ["#" * 35 + "  " + "#" * 55],
-    "#R" + "." * 86 + "   #",
-    *2 * ["#" + "." * 87 + "   #"],
-    "#" * 92,
-])  # fmt: skip
+
+def niche_on_the_way(deep, wide):
+    """A corridor with a small pocket at a third of it, and some unseen ground at its end."""
+    return "\n".join(
+        [
+            "#" * 92,
+            *deep * ["#" * 35 + " " * wide + "#" * (57 - wide)],
+            "#R" + "." * 86 + "   #",
+            *2 * ["#" + "." * 87 + "   #"],
+            "#" * 92,
+        ]
+    )
 
 
 def drawn(text):
@@ -118,13 +123,29 @@ def test_auto_looks_from_afar_instead_of_driving_there():
 
 @pytest.mark.parametrize("is_alone", [False, True])
 def test_auto_looks_into_a_niche_on_the_way_unless_it_looks_on_the_way_anyhow(is_alone):
-    outlook = drawn(NICHE_ON_THE_WAY)
+    outlook = drawn(niche_on_the_way(2, 2))
     auto = Auto(is_alone=is_alone)
     aim = auto.aim(outlook)
     assert aim.targets[:, 1].max() < 40
     assert outlook.cost_m[aim.cell] > 1.0
     driving = Outlook(**{**vars(outlook), "looks_on_the_way": True})
     assert auto.aim(driving).targets[:, 1].min() > 80
+
+
+def test_auto_alone_looks_through_a_keyhole_on_the_way():
+    outlook = drawn(niche_on_the_way(4, 3))
+    hall = tuple(e for e in outlook.edges if e[:, 1].min() > 80)
+    keyhole = tuple(e for e in outlook.edges if e[:, 1].max() < 40)
+    outlook = Outlook(**{**vars(outlook), "edges": hall, "short_edges": keyhole})
+    assert Auto(is_alone=True).aim(outlook).targets[:, 1].max() < 40
+    assert Auto(is_alone=False).aim(outlook).targets[:, 1].min() > 80
+
+
+def test_an_aim_on_the_way_is_worth_what_the_far_one_is():
+    outlook = drawn(niche_on_the_way(2, 2))
+    on_the_way = Auto(is_alone=False).aim(outlook)
+    far = Auto(is_alone=False).aim(Outlook(**{**vars(outlook), "looks_on_the_way": True}))
+    assert on_the_way.worth == far.worth
 
 
 def test_auto_looks_at_short_edges_last():
@@ -167,6 +188,10 @@ def test_large_cells_keep_walls_and_doubt_what_is_unseen():
     coarse = coarsened(fine, 2)
     rows, cols = np.argwhere(fine.is_opaque).T // 2
     assert coarse.is_opaque[rows, cols].all()
+    rows, cols = np.argwhere(np.isfinite(fine.cost_m)).T
+    assert np.isfinite(coarse.factor[rows // 2, cols // 2]).all()
+    dear = coarsened(Outlook(**{**vars(fine), "factor": 3.0 * fine.factor}), 2)
+    np.testing.assert_array_equal(dear.factor, 3.0 * coarse.factor)
     for row, col in np.argwhere(coarse.is_unseen):
         block = fine.is_unseen[2 * row : 2 * row + 2, 2 * col : 2 * col + 2]
         assert block.all()

@@ -96,6 +96,22 @@ def test_barren_edges_are_looked_at_afresh_from_beyond_a_passage_and_no_longer_t
     assert barren.where_opened(grid, everywhere) is None
 
 
+def test_a_drive_that_fails_through_a_passage_is_the_last_and_is_pardoned_once():
+    is_known = known_but(slice(50, 60), slice(50, 70))
+    barren, grid = BarrenEdges(), grid_of(ROOM, is_known)
+    ahead = survey(is_known).ahead_m
+    everywhere = np.ones(grid.shape, bool)
+    for pardons in (True, False):
+        barren.refuse(ahead)
+        assert not barren.mask(ahead).any()
+        barren.refuse(ahead)
+        assert barren.mask(ahead).all()
+        barren.where_opened(grid, everywhere).refuse(ahead)
+        assert barren.where_opened(grid, everywhere) is None
+        barren.pardon_once(ahead)
+        assert barren.mask(ahead).any() != pardons
+
+
 def test_a_long_edge_is_cut_into_pieces_of_about_the_length_asked_for():
     unseen = survey(known_but(slice(50, 53), slice(20, 100)))
     parts = pieces(unseen, int(unseen.edge_of[0]), 2.0)
