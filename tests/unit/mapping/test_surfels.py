@@ -34,3 +34,17 @@ def test_clutter_is_not_flat() -> None:
     rng = np.random.default_rng(0)
     found = [surfels(rng.uniform(3.5, 4.1, 61), 0.025) for _ in range(20)]
     assert np.mean([s.is_flat.mean() for s in found]) < 0.35
+
+
+def test_what_comes_out_from_behind_something_is_no_edge_but_what_stands_before_is() -> None:
+    """A crumpled thing of three readings, far behind a hole in a wall, and far before one."""
+    crumpled = np.array([0.0, 0.1, 0.0])
+    for around_m, there_m, is_lone in (
+        (1.0, 3.0, [True, False, True]),
+        (5.0, 3.0, [False] * 3),
+    ):
+        ranges_m = np.full(61, around_m)
+        ranges_m[29:32] = there_m + crumpled
+        found = surfels(ranges_m, 0.003)
+        assert not found.is_flat[29:32].any()
+        assert found.is_lone[29:32].tolist() == is_lone

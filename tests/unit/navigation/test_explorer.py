@@ -357,3 +357,15 @@ def test_a_second_chance_pardons_a_place_that_was_out_of_reach_once():
         assert vain.mask(targets).all()
         assert chances.reopen(Pose2(0.8, 0.0, 0.0))
         assert vain.mask(targets).any() != is_pardoned
+
+
+@pytest.mark.parametrize("power", ["on_demand", "continuous"])
+def test_only_a_robot_whose_lrf_is_always_on_looks_on_the_way(power):
+    lrf = replace(LrfConfig(), power=power)
+    explorer = Explorer(ExplorationConfig(strategy="auto"), RobotConfig(), lrf)
+    run = next(iter(bench.explore(ROOMS, Pose2(*START, 0.0), configured(strategy="auto"))))
+    for node in run.explorer.graph.nodes:
+        explorer.graph.add(node)
+    scene = explorer._look_around(run.robot.pose, run.grid)
+    outlook = scene.outlook(6.0, BarrenEdges(), explorer.graph)
+    assert outlook.looks_on_the_way == (power == "continuous")
