@@ -54,7 +54,7 @@ def _between_walls(grid: OccupancyGrid, body: BodyRules, is_unseen: BoolArray) -
     needed = body.radius_m + MARGIN_CELLS * resolution
     is_quiet = grid.is_unknown & grid.is_quiet
     is_band = (grid.is_free | is_quiet) & (clearance >= body.radius_m - resolution)
-    is_band &= clearance < needed
+    is_band &= clearance < needed + resolution  # some are closed by specks behind the wall
     is_unseen = is_unseen & ~is_quiet
     if is_unseen.any():
         unseen_m = distance_transform_edt(~is_unseen, sampling=resolution)
