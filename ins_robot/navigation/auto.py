@@ -36,6 +36,7 @@ AREA_POWER = 0.7  # below 1: small pockets are closed while they are near
 FAR_M = 2.0  # a place farther than this has others on the way to it
 BESIDE_M = 0.5  # keyholes that need no longer detour are looked through on the way
 BESIDE_PITCH_M, KEYHOLE_MIN_M2 = 0.2, 0.05
+KEYHOLE_NEAR_M = 1.0  # of keyholes so near to such ground, axis by axis
 REACH_M = 6.0  # places are looked for so far around first
 WIDER = 2.0  # and then so many times as far at most
 VIEW_MAX_M2 = 5.0  # places farther on are taken to show no more; few do (6.2 was seen)
@@ -193,7 +194,7 @@ def _keyhole_before(outlook: Outlook, found: _Found) -> _Found:
     places = np.argwhere(detour_m <= BESIDE_M)
     places = places[(places % round(BESIDE_PITCH_M / outlook.resolution_m) == 0).all(axis=1)]
     edges = np.concatenate([_NONE, *outlook.edges, *outlook.short_edges])
-    size = 2 * round(1.0 / outlook.resolution_m) + 1
+    size = 2 * round(KEYHOLE_NEAR_M / outlook.resolution_m) + 1
     near_m = minimum_filter(detour_m, size=size)[edges[:, 0], edges[:, 1]]
     demands = demands_of(outlook, edges[near_m <= BESIDE_M])
     if len(demands.cells) == 0:

@@ -48,17 +48,25 @@ def roomiest_places(grid: OccupancyGrid, cells: IndexArray) -> tuple[FloatArray,
 
 
 def _between_walls(grid: OccupancyGrid, body: BodyRules, is_unseen: BoolArray) -> BoolArray:
-    """(H, W) free cells too near to walls, on or beside a ridge of the distance to them."""
+    """(H, W) free cells too near to walls, on or beside a ridge of the distance to them.
+
+    With up to a cell more room only those right on it: specks behind the walls may close them,
+    but before a single wall a speck may be a leg.
+    """
     resolution = grid.resolution_m
     clearance = grid.clearance_m(body.wide_m)
     needed = body.radius_m + MARGIN_CELLS * resolution
     is_quiet = grid.is_unknown & grid.is_quiet
     is_band = (grid.is_free | is_quiet) & (clearance >= body.radius_m - resolution)
-    is_band &= clearance < needed + resolution  # some are closed by specks behind the wall
+    is_band &= clearance < needed + resolution
     is_unseen = is_unseen & ~is_quiet
     if is_unseen.any():
         unseen_m = distance_transform_edt(~is_unseen, sampling=resolution)
         is_band &= unseen_m - 0.5 * resolution >= body.radius_m
+    is_between = is_band & (
+        clearance >= maximum_filter(clearance, size=3) - RIDGE_CELLS * resolution
+    )
+    is_band &= clearance < needed
     around = maximum_filter(np.minimum(clearance, needed), size=3)
     is_ridge = is_band & (clearance >= around - RIDGE_CELLS * resolution)
-    return np.asarray(is_band & maximum_filter(is_ridge, size=3))
+    return np.asarray((is_band & maximum_filter(is_ridge, size=3)) | is_between)

@@ -164,3 +164,21 @@ def test_no_squeeze_is_found_where_the_body_does_not_fit():
     world = plan(6, 4, (0.5, 0.5, 2.5, 3.5), (2.5, 1.8, 2.7, 2.2), (2.7, 0.5, 5.5, 3.5))
     odd = find_squeezes(grid_of(world), BODY, np.zeros((128, 128), bool))
     assert not ((odd.places_m[:, 0] > 2.5) & (odd.places_m[:, 0] < 2.7)).any()
+
+
+@pytest.mark.parametrize("is_narrow", [True, False])
+def test_an_unknown_speck_in_the_post_of_a_narrow_door_is_no_leg_but_one_at_a_wall_may_be(
+    is_narrow,
+):
+    world = plan(6, 4, (0.5, 0.5, 2.5, 3.5), (2.5, 1.8, 2.7, 2.25), (2.7, 0.5, 5.5, 3.5))
+    speck_m, beside_m = (
+        ((2.625, 2.275), (2.625, 2.025)) if is_narrow else ((4.0, 3.525), (4.0, 3.275))
+    )
+    is_known = np.ones(world.is_occupied.shape, bool)
+    is_known[int(speck_m[1] / 0.05), int(speck_m[0] / 0.05)] = False
+    grid = grid_of(world, is_known)
+    start, at = Pose2(1.0, 2.0, 0.0), tuple(grid.cells(np.array(beside_m)))
+    ground = survey_terrain(grid, start, BODY)
+    assert not np.isfinite(ground.factor[at])
+    odd = find_squeezes(grid, BODY, np.zeros(grid.shape, bool))
+    assert np.isfinite(survey_terrain(grid, start, BODY, odd=odd).factor[at]) == is_narrow
