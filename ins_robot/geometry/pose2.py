@@ -112,6 +112,8 @@ def transform_points(poses: ArrayLike, points_m: ArrayLike) -> FloatArray:
     points = np.asarray(points_m, dtype=np.float64)
     c, s = np.cos(poses[..., 2, None]), np.sin(poses[..., 2, None])
     x, y = points[..., 0], points[..., 1]
-    return np.stack(
-        [poses[..., 0, None] + c * x - s * y, poses[..., 1, None] + s * x + c * y], axis=-1
-    )
+    new_x = poses[..., 0, None] + c * x - s * y
+    carried = np.empty((*new_x.shape, 2))
+    carried[..., 0] = new_x
+    carried[..., 1] = poses[..., 1, None] + s * x + c * y
+    return carried

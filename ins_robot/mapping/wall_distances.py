@@ -16,7 +16,7 @@ import numpy as np
 from ins_robot.geometry.angles import FloatArray
 from ins_robot.mapping.cell_states import CROSSED_LOG_ODDS, OCCUPIED_LOG_ODDS, solid, unknown
 from ins_robot.mapping.kept_layer import Changes, KeptLayer, Part, part_of
-from ins_robot.mapping.neighbourhood import grown
+from ins_robot.mapping.neighbourhood import grown, set_cells
 from ins_robot.mapping.wall_points import NearReadings, wall_points
 
 if TYPE_CHECKING:
@@ -73,11 +73,11 @@ class WallDistances:
             is_occupied,
             odds < CROSSED_LOG_ODDS,
         )
-        corners = grid.metres(np.argwhere(is_occupied & ~told) + low)[:, None] + (
+        corners = grid.metres(set_cells(is_occupied & ~told) + low)[:, None] + (
             grid.resolution_m * CORNERS
         )
         is_hidden = solid(odds, grid.is_quiet[part]) & ~is_occupied & ~told
-        hidden = grid.metres(np.argwhere(is_hidden) + low)
+        hidden = grid.metres(set_cells(is_hidden) + low)
         return cKDTree(np.concatenate([seen, corners.reshape(-1, 2), hidden]))
 
     def clearance_m(self, grid: OccupancyGrid, part: Part, up_to_m: float) -> FloatArray:
@@ -102,7 +102,7 @@ class WallDistances:
         clearance -= 0.5 * grid.resolution_m
         asked = (clearance < EXACT_BELOW_M) & (clearance > 0.0)
         asked &= grid.is_quiet[part] | ~unknown(odds[inner])
-        at = np.argwhere(asked)
+        at = set_cells(asked)
         centres = grid.metres(at + np.array([part[0].start, part[1].start]))
         clearance[at[:, 0], at[:, 1]], _ = self.walls_within(grid, around).query(centres)
         return np.asarray(clearance)

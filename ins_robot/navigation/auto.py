@@ -18,6 +18,7 @@ import numpy as np
 from scipy.ndimage import minimum_filter
 
 from ins_robot.geometry.angles import FloatArray, wrap_rad
+from ins_robot.mapping.neighbourhood import set_cells
 from ins_robot.navigation.coarse_outlook import coarsened, refined
 from ins_robot.navigation.demands import Demands, demands_of, shows_from
 from ins_robot.navigation.outlook import Aim, BoolArray, IndexArray, Outlook, PastLooks
@@ -191,7 +192,7 @@ def _keyhole_before(outlook: Outlook, found: _Found) -> _Found:
     if outlook.looks_on_the_way or outlook.cost_m[cell] <= FAR_M:
         return found
     detour_m = _detours_m(outlook, cell)
-    places = np.argwhere(detour_m <= BESIDE_M)
+    places = set_cells(detour_m <= BESIDE_M)
     places = places[(places % round(BESIDE_PITCH_M / outlook.resolution_m) == 0).all(axis=1)]
     edges = np.concatenate([_NONE, *outlook.edges, *outlook.short_edges])
     size = 2 * round(KEYHOLE_NEAR_M / outlook.resolution_m) + 1
@@ -237,13 +238,13 @@ def _drop_looked_at(
     From the same side and hardly farther away: what hid it then will hide it again. `was_seen`
     (K, D) says what should have shown from the looks.
     """
-    cell, node = np.nonzero(was_seen.T)
+    cell, node = set_cells(was_seen.T).T
     ahead = cells[cell] + 0.5 - looks.cells[node]
     off = np.arctan2(ahead[:, 0], ahead[:, 1]) - looks.towards_rad[node]
     was_turned_to = np.abs(wrap_rad(off)) < looks.half_rad[node]
     cell, old = cell[was_turned_to], ahead[was_turned_to]
     counts = np.bincount(cell, minlength=len(cells))
-    place, shown = np.nonzero(shows)
+    place, shown = set_cells(shows).T
     pair = np.repeat(np.arange(len(place)), counts[shown])  # each with all looks at its cell
     nth = np.arange(len(pair)) - np.repeat(np.cumsum(counts[shown]), counts[shown])
     old = old[nth + np.cumsum(counts)[shown[pair]]]
@@ -267,6 +268,6 @@ def _places(outlook: Outlook, pitch: int) -> tuple[IndexArray, np.ndarray]:
     middle = (off[:, None] + off).reshape(-1)
     is_open = np.isfinite(blocks)
     chosen = np.where(is_open, middle, np.inf).argmin(axis=2)
-    block = np.argwhere(is_open.any(axis=2))
+    block = set_cells(np.any(is_open, axis=2))
     inner = np.stack(np.divmod(chosen[block[:, 0], block[:, 1]], pitch), axis=-1)
     return block * pitch + inner, blocks.min(axis=2)

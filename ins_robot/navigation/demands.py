@@ -95,7 +95,7 @@ def shows_from(
     flat = (cells[:, 0] + reach + 1) * width + cells[:, 1] + reach + 1
     is_clear = ~is_opaque.reshape(-1)
     goes_on = np.ones((len(cells), RAYS), bool)
-    free = np.zeros(goes_on.shape)
+    free = np.zeros(goes_on.shape, np.uint16)
     for rows, cols in zip(*_along_rays(samples, stride), strict=True):  # all rays a step on
         goes_on &= is_clear.take(flat[:, None] + (rows * width + cols))
         free += goes_on
@@ -112,8 +112,10 @@ def _pairs_near(
     places: IndexArray, cells: IndexArray, reach: int
 ) -> tuple[IndexArray, IndexArray]:
     """Indices (N,), (N,) of places (P, 2) and cells (D, 2) no farther apart, axis by axis."""
-    apart = places.astype(np.int32)[:, None] - cells.astype(np.int32)[None]
-    place, cell = np.nonzero((np.abs(apart) <= reach).all(axis=2))
+    places, cells = places.astype(np.int32), cells.astype(np.int32)
+    is_near = np.abs(places[:, None, 0] - cells[:, 0]) <= reach
+    is_near &= np.abs(places[:, None, 1] - cells[:, 1]) <= reach
+    place, cell = np.divmod(np.flatnonzero(is_near), len(cells))
     return place, cell
 
 

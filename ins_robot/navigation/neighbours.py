@@ -19,6 +19,7 @@ from collections.abc import Callable
 import numpy as np
 
 from ins_robot.geometry.angles import FloatArray
+from ins_robot.geometry.pose2 import transform_points
 from ins_robot.navigation.gaps import Gap, GapKind, GapState
 from ins_robot.navigation.node_graph import Node, NodeGraph
 from ins_robot.navigation.terrain import Terrain
@@ -53,12 +54,11 @@ def identify_neighbours(
     driven_m = terrain.cost_near_m(positions)
     if new.came_from is not None:
         graph.link(new.index, new.came_from, _cost(driven_m, away_m, new.came_from))
-    for index in np.flatnonzero(away_m < neighbour_range_m):  # A
-        other = graph.nodes[int(index)]
-        if other is new:
-            continue
-        with_closed = is_seen is None  # else the map is asked, not they
-        crossed = [*_crossed(new, other, with_closed), *_crossed(other, new, with_closed)]
+    near = [graph.nodes[index] for index in np.flatnonzero(away_m < neighbour_range_m)]  # A
+    near = [other for other in near if other is not new]
+    with_closed = is_seen is None  # else the map is asked, not they
+    for other, crossed in zip(near, _crossed(new, near, with_closed), strict=True):
+        index = other.index
         for node, gap in crossed:  # B
             if gap.is_open and (is_seen is None or is_seen(node, gap)):
                 gap.set(GapState.EXPLORED, f"lies between nodes {new.id} and {other.id}")
@@ -69,7 +69,7 @@ def identify_neighbours(
                 _looks_along(a, b, crossed) for a, b in ((new, other), (other, new))
             )
         if joined:  # C
-            graph.link(new.index, other.index, _cost(driven_m, away_m, int(index)))
+            graph.link(new.index, other.index, _cost(driven_m, away_m, index))
 
 
 def _cost(driven_m: FloatArray, away_m: FloatArray, index: int) -> float:
@@ -77,19 +77,33 @@ def _cost(driven_m: FloatArray, away_m: FloatArray, index: int) -> float:
     return float(driven_m[index] if math.isfinite(driven_m[index]) else away_m[index])
 
 
-def _crossed(node: Node, other: Node, with_closed: bool) -> list[tuple[Node, Gap]]:
-    """Gaps of `node` that the line to `other` crosses."""
-    gaps = [g for g in node.gaps if g.kind is GapKind.OPENING and (g.is_open or with_closed)]
-    if not gaps:
-        return []
-    ends = node.pose.apply(np.stack([gap.ends_m for gap in gaps]).reshape(-1, 2))
-    ends = ends.reshape(-1, 2, 2)
-    hit = crosses(node.position_m, other.position_m, ends[:, 0], ends[:, 1])
-    return [(node, gap) for gap, is_hit in zip(gaps, hit, strict=True) if is_hit]
+def _crossed(new: Node, others: list[Node], with_closed: bool) -> list[list[tuple[Node, Gap]]]:
+    """For each of `others` the gaps, of both nodes, that the line to it crosses."""
+    asked = [
+        (number, node, gap)
+        for number, other in enumerate(others)
+        for node in (new, other)
+        for gap in node.gaps
+        if gap.kind is GapKind.OPENING and (gap.is_open or with_closed)
+    ]
+    crossed: list[list[tuple[Node, Gap]]] = [[] for _ in others]
+    if not asked:
+        return crossed
+    poses = np.array([node.pose.as_array() for _, node, _ in asked])
+    ends = transform_points(poses, np.array([gap.ends_m for _, _, gap in asked]))
+    towards = np.array([others[number].position_m for number, _, _ in asked])
+    hit = crosses(new.position_m, towards, ends[:, 0], ends[:, 1])
+    for (number, node, gap), is_hit in zip(asked, hit.tolist(), strict=True):
+        if is_hit:
+            crossed[number].append((node, gap))
+    return crossed
 
 
 def crosses(a: FloatArray, b: FloatArray, starts: FloatArray, ends: FloatArray) -> np.ndarray:
-    """(N,) bool: which segments from starts to ends (N, 2) meet the one from a to b."""
+    """(N,) bool: which segments from starts to ends (N, 2) meet those from a to b.
+
+    `a` and `b` are (2,), or (N, 2): one for each.
+    """
 
     def side(p: FloatArray, q: FloatArray, r: FloatArray) -> FloatArray:
         return np.asarray(
@@ -98,7 +112,7 @@ def crosses(a: FloatArray, b: FloatArray, starts: FloatArray, ends: FloatArray) 
         )
 
     apart = side(a, b, starts) * side(a, b, ends) <= 0.0
-    across = side(starts, ends, a[None]) * side(starts, ends, b[None]) <= 0.0
+    across = side(starts, ends, a) * side(starts, ends, b) <= 0.0
     return np.asarray(apart & across)
 
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt, maximum_filter
 
 from ins_robot.geometry.angles import FloatArray
+from ins_robot.mapping.neighbourhood import set_cells
 from ins_robot.mapping.occupancy_grid import OccupancyGrid
 from ins_robot.navigation.terrain import MARGIN_CELLS, BodyRules, IndexArray, OddCells
 
@@ -26,7 +27,7 @@ BoolArray = NDArray[np.bool_]
 
 def find_squeezes(grid: OccupancyGrid, body: BodyRules, is_unseen: BoolArray) -> OddCells:
     """Cells that are drivable at a certain place in them, beyond what their centres allow."""
-    cells = np.argwhere(_between_walls(grid, body, is_unseen))
+    cells = set_cells(_between_walls(grid, body, is_unseen))
     if len(cells) == 0:
         return OddCells.none()
     places, room = roomiest_places(grid, cells)

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import label
 
 from ins_robot.geometry.angles import FloatArray
+from ins_robot.mapping.neighbourhood import set_cells
 from ins_robot.mapping.occupancy_grid import OccupancyGrid
 from ins_robot.mapping.ray_cast import cast_rays, cells_on_rays
 from ins_robot.navigation.sight import sees
@@ -189,14 +190,14 @@ def survey_unseen(
     is_edge = grid.is_free & _beside(is_unseen, ends=True)
     if is_wanted is not None:
         is_edge &= is_wanted
-    cells = np.argwhere(is_edge)
+    cells = set_cells(is_edge)
     dead = barren.mask(_ahead_m(grid, cells, is_unseen))
     is_edge[cells[dead, 0], cells[dead, 1]] = False
     labels, count = label(is_edge, np.ones((3, 3), int))
     sizes = np.bincount(labels.reshape(-1), minlength=count + 1)
     long_enough = sizes * grid.resolution_m >= edge_min_m
     long_enough[0] = False
-    cells = np.argwhere(long_enough[labels])
+    cells = set_cells(long_enough[labels])
     return Unseen(
         grid=grid,
         is_unseen=is_unseen,
