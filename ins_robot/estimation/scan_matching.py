@@ -17,11 +17,13 @@ from numpy.typing import NDArray
 
 from ins_robot.geometry.angles import FloatArray, wrap_rad
 from ins_robot.geometry.pose2 import transform_points
-from ins_robot.mapping.likelihood_field import CELL_M, LEVELS, LikelihoodField
+from ins_robot.mapping.field_pyramid import FieldPyramid
+from ins_robot.mapping.likelihood_field import CELL_M, LikelihoodField
 from ins_robot.mapping.occupancy_grid import BoolArray, IntArray
 from ins_robot.mapping.surfels import Surfels
 
 SEARCH_BEAMS = 90
+LEVEL_MAX = 3  # the coarsest: cells 2^3 fine ones wide
 KEPT_PER_LEVEL = 48
 BLOCK = 500  # candidates looked up together (measured)
 RIVAL_DISTANCE_M = 0.35  # a peak this far away is another place
@@ -92,7 +94,7 @@ def search(
     """Best pose within +-half_width_m and +-half_turn_rad of `centre`."""
     points = scan.points_m[:: max(1, len(scan) // SEARCH_BEAMS)]
     reach_m = float(np.quantile(np.hypot(*points.T), 0.7)) + 0.5
-    level = LEVELS - 1
+    level = LEVEL_MAX
     while level > 0 and 2**level * CELL_M > half_width_m:
         level -= 1
     turn_step = 1.2 * CELL_M * 2.0 ** min(level, 1) / reach_m
@@ -107,11 +109,17 @@ def search(
 
     half = math.ceil(half_width_m / CELL_M)
     side = np.arange(-half, half + 1, 2**level)
+    low = int(cols.min()) - half, int(rows.min()) - half
+    beyond = half + 2**level
+    high = int(cols.max()) + beyond, int(rows.max()) + beyond
+    pyramid = field.pyramid(low, high, level)
+    cells = pyramid.cells(cols, rows)
     turn_index, x_cells, y_cells = (
         a.reshape(-1) for a in np.meshgrid(np.arange(len(turns)), side, side, indexing="ij")
     )
     while True:
-        values = _values(field, cols, rows, turn_index, x_cells, y_cells, level)
+        steps = pyramid.steps(x_cells, y_cells)
+        values = _values(pyramid, cells, turn_index, steps, level)
         if level == 0:
             break
         best = np.argsort(-values, kind="stable")[:KEPT_PER_LEVEL]
@@ -141,23 +149,18 @@ def search(
 
 
 def _values(
-    field: LikelihoodField,
-    cols: IntArray,
-    rows: IntArray,
+    pyramid: FieldPyramid,
+    cells: IntArray,
     turn_index: IntArray,
-    x_cells: IntArray,
-    y_cells: IntArray,
+    steps: IntArray,
     level: int,
 ) -> FloatArray:
     """(C,) field values of the candidates; so many at once as a processor's cache holds."""
     values = np.empty(len(turn_index))
     for first in range(0, len(turn_index), BLOCK):
         part = slice(first, first + BLOCK)
-        values[part] = field.mean_values(
-            cols[turn_index[part]] + x_cells[part, None],
-            rows[turn_index[part]] + y_cells[part, None],
-            level,
-        )
+        moved = cells.take(turn_index[part], axis=0) + steps[part, None]
+        values[part] = pyramid.mean_values(moved, level)
     return values
 
 

@@ -2,17 +2,20 @@
 """Local map for matching: surfels in, a smooth field and the nearest surfel of every cell out.
 
 The field is exp(-d^2 / 2 s^2) of the distance to the nearest surfel, stamped around each of
-them (no distance transform of the window), with a pyramid of maxima for multi-resolution search
-(Olson 2009; Hess et al. 2016). The table of nearest surfels replaces a search tree: a look-up
-is one index, for all particles and beams at once.
+them (no distance transform of the window), with a pyramid of maxima for multi-resolution
+search. The table of nearest surfels replaces a search tree: a look-up is one index, for all
+particles and beams at once.
 """
 
 from __future__ import annotations
+
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ins_robot.geometry.angles import FloatArray
+from ins_robot.mapping.field_pyramid import Cell, FieldPyramid, Grades
 from ins_robot.mapping.occupancy_grid import IntArray
 from ins_robot.mapping.surfels import Surfels
 
@@ -20,7 +23,6 @@ CELL_M = 0.05
 REACH_CELLS = 7  # how far from a surfel a point still finds it
 SMOOTH_STD_M = 0.08
 GRADE_M = 0.01  # surfels whose deviations differ by less are equally sure
-LEVELS = 4  # cells of the coarsest level are 2^(LEVELS-1) fine ones wide
 
 
 def _stamp_offsets() -> tuple[IntArray, FloatArray]:
@@ -34,7 +36,10 @@ def _stamp_offsets() -> tuple[IntArray, FloatArray]:
 
 
 STAMP_OFFSETS, STAMP_DISTANCES = _stamp_offsets()
-STAMP_VALUES = np.exp(-0.5 * (STAMP_DISTANCES * CELL_M / SMOOTH_STD_M) ** 2).astype(np.float32)
+STAMP_GRADES = np.arange(1, len(STAMP_OFFSETS) + 1, dtype=np.uint8)  # 0 is out of reach
+GRADE_VALUES = np.zeros(len(STAMP_OFFSETS) + 1)
+# in single precision: sums of them in double are exact, and the same in any order
+GRADE_VALUES[1:] = np.float32(np.exp(-0.5 * (STAMP_DISTANCES * CELL_M / SMOOTH_STD_M) ** 2))
 
 
 class LikelihoodField:
@@ -52,24 +57,23 @@ class LikelihoodField:
     """
 
     def __init__(self, surfels: Surfels) -> None:
-        cells = np.floor(surfels.points_m * (1.0 / CELL_M)).astype(np.int64)
-        margin = REACH_CELLS + 2 ** (LEVELS - 1)
-        self._corner: list[int] = (cells.min(axis=0) - margin).tolist()
-        high: list[int] = (cells.max(axis=0) + margin + 1).tolist()
-        self.width, self.height = high[0] - self._corner[0], high[1] - self._corner[1]
-        flat = (cells[:, 1] - self._corner[1]) * self.width + cells[:, 0] - self._corner[0]
+        scaled = np.floor(surfels.points_m.T * (1.0 / CELL_M))
+        cols, rows = scaled.astype(np.int64)
+        margin = REACH_CELLS + 1
+        self._corner: Cell = int(cols.min()) - margin, int(rows.min()) - margin
+        self.width = int(cols.max()) + margin + 1 - self._corner[0]
+        self.height = int(rows.max()) + margin + 1 - self._corner[1]
+        flat = (rows - self._corner[1]) * self.width + cols - self._corner[0]
         # one surfel per cell, the surest, of equals the oldest node's (least drift): written
         # last, it stays
         grade = np.floor(surfels.std_m / GRADE_M).astype(np.int64)
         order = np.lexsort((-surfels.sources, -grade))
         table = np.full(self.width * self.height, -1, dtype=np.int32)
         table[flat[order]] = order
-        occupied = np.flatnonzero(table >= 0)
-        self.surfels = surfels.take(table[occupied].astype(np.int64))
-        self._targets = (_around(self.width)[:, None] + occupied.astype(np.int32)).reshape(-1)
-        table[self._targets] = np.tile(
-            np.arange(len(occupied), dtype=np.int32), len(STAMP_OFFSETS)
-        )
+        self._occupied = np.flatnonzero(table >= 0)
+        self.surfels = surfels.take(table[self._occupied].astype(np.int64))
+        count = len(self._occupied)
+        table[self._stamped()] = np.tile(np.arange(count, dtype=np.int32), len(STAMP_OFFSETS))
         self.nearest: NDArray[np.int32] = table
         kept = self.surfels
         self.columns: FloatArray = np.stack(
@@ -81,7 +85,6 @@ class LikelihoodField:
                 kept.is_flat.astype(np.float64),
             ]
         )
-        self._levels: list[NDArray[np.float32]] = []
 
     def cells(self, points_m: FloatArray) -> tuple[IntArray, IntArray]:
         """(...) columns and rows of points (..., 2); may lie outside."""
@@ -95,32 +98,22 @@ class LikelihoodField:
         index = row.astype(np.int32) * np.int32(self.width) + col.astype(np.int32)
         return self.nearest.take(index)
 
-    def level(self, level: int) -> NDArray[np.float32]:
-        """(H, W) maxima of the field over the 2^level cells to the right and above."""
-        if not self._levels:
-            values = np.zeros(self.width * self.height, np.float32)
-            values[self._targets] = np.repeat(STAMP_VALUES, len(self.surfels))
-            self._levels.append(values.reshape(self.height, self.width))
-        while len(self._levels) <= level:
-            finer = self._levels[-1]
-            step = 2 ** (len(self._levels) - 1)
-            coarse = finer.copy()
-            np.maximum(coarse[:, :-step], finer[:, step:], out=coarse[:, :-step])
-            wide = coarse.copy()
-            np.maximum(coarse[:-step], wide[step:], out=coarse[:-step])
-            self._levels.append(coarse)
-        return self._levels[level]
+    @cached_property
+    def grades(self) -> Grades:
+        """(H, W) place of each cell's value in GRADE_VALUES."""
+        grades = np.zeros(self.width * self.height, np.uint8)
+        grades[self._stamped()] = np.repeat(STAMP_GRADES, len(self._occupied))
+        return grades.reshape(self.height, self.width)
 
-    def mean_values(self, cols: IntArray, rows: IntArray, level: int) -> FloatArray:
-        """(C,) mean of the field over the last axis of cells (C, B); 0 outside the window."""
-        values = self.level(level).reshape(-1)
-        np.clip(cols, 0, self.width - 1, out=cols)
-        np.clip(rows, 0, self.height - 1, out=rows)
-        rows *= self.width
-        rows += cols
-        return np.asarray(values.take(rows).mean(axis=-1, dtype=np.float64))
+    def pyramid(self, low: Cell, high: Cell, level: int) -> FieldPyramid:
+        """Of the cells from `low` to before `high`, up to a level; 0 outside the window."""
+        shown = np.zeros((high[1] - low[1], high[0] - low[0]), np.uint8)
+        inside = self.grades[max(low[1], 0) : max(high[1], 0), max(low[0], 0) : max(high[0], 0)]
+        top, left = max(-low[1], 0), max(-low[0], 0)
+        shown[top : top + inside.shape[0], left : left + inside.shape[1]] = inside
+        return FieldPyramid(shown, GRADE_VALUES, low, level)
 
-
-def _around(width: int) -> NDArray[np.int32]:
-    """(S,) steps in the flattened window from a surfel's cell to those it stamps."""
-    return (STAMP_OFFSETS[:, 0] * width + STAMP_OFFSETS[:, 1]).astype(np.int32)
+    def _stamped(self) -> IntArray:
+        """(S*N,) cells around the surfels in the flattened window, the nearest last."""
+        around = STAMP_OFFSETS[:, 0] * self.width + STAMP_OFFSETS[:, 1]
+        return (around[:, None] + self._occupied).reshape(-1)
