@@ -87,17 +87,23 @@ def accepted(closures: list[Closure], nodes: NodeMap) -> list[Closure]:
     taken for another, all edges of the way there have to be stretched beyond what they know.
     Closures that are settled are linked, but nothing needs to move for them.
     """
+    if all(closure.is_settled for closure in closures):
+        _link(closures, nodes)
+        return closures
     graph = nodes.graph
     before = graph.checkpoint()
     cost = graph.cost(before.edges)
+    _link(closures, nodes)
+    graph.relax(firm_from=before.edges)
+    if graph.cost(before.edges) - cost > COST_MAX:
+        graph.restore(before)
+        return []
+    return closures
+
+
+def _link(closures: list[Closure], nodes: NodeMap) -> None:
     for closure in closures:
         nodes.link_match(closure.node, closure.pose, closure.match, is_closure=True)
-    if not all(closure.is_settled for closure in closures):
-        graph.relax(firm_from=before.edges)
-        if graph.cost(before.edges) - cost > COST_MAX:
-            graph.restore(before)
-            return []
-    return closures
 
 
 class LoopCloser:
