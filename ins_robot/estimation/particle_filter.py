@@ -10,6 +10,7 @@ that a corridor, which says nothing along its axis, leaves the motion to decide 
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cached_property
 
 import numpy as np
 
@@ -29,22 +30,50 @@ LogLikelihood = Callable[[FloatArray], FloatArray]
 VARIANCE_MIN = np.diag([1e-8, 1e-8, 1e-9])
 
 
-class ParticleFilter:
-    """P weighted poses (x_m, y_m, heading_rad).
+class Cloud:
+    """P weighted poses; what they say together is worked out once, when first asked for.
 
     Attributes
     ----------
     poses : (P, 3)
+        x_m, y_m, heading_rad.
     log_weights : (P,)
+        Up to a common constant.
     """
 
+    def __init__(self, poses: FloatArray, log_weights: FloatArray) -> None:
+        self.poses, self.log_weights = poses, log_weights
+
+    @cached_property
+    def weights(self) -> FloatArray:
+        """(P,) that sum to 1."""
+        return normalise(self.log_weights)
+
+    @cached_property
+    def moments(self) -> tuple[FloatArray, FloatArray]:
+        """(3,) mean position and circular mean heading; (3, 3) covariance."""
+        return _moments(self.poses, self.weights)
+
+
+class ParticleFilter:
+    """A cloud of poses that moves, is weighed and drawn anew."""
+
     def __init__(self, count: int, pose: FloatArray, rng: np.random.Generator) -> None:
-        self.poses = np.tile(pose, (count, 1))
-        self.log_weights = np.zeros(count)
+        self._cloud = Cloud(np.tile(pose, (count, 1)), np.zeros(count))
         self._moved = self.poses
         self._motion_covariance = VARIANCE_MIN
         self._repeated = 1.0
         self._rng = rng
+
+    @property
+    def poses(self) -> FloatArray:
+        """(P, 3)."""
+        return self._cloud.poses
+
+    @property
+    def log_weights(self) -> FloatArray:
+        """(P,) up to a common constant."""
+        return self._cloud.log_weights
 
     def predict(self, motion: MotionIncrement) -> None:
         """Move every particle by its own draw of the motion."""
@@ -52,11 +81,11 @@ class ParticleFilter:
         self._repeated = motion.repeated
         self._moved = compose(self.poses, motion.delta.as_array())
         self._motion_covariance = turned(motion.covariance, heading_rad) + VARIANCE_MIN
-        self.poses = sample_motion(self.poses, motion, self._rng)
+        self._cloud = Cloud(sample_motion(self.poses, motion, self._rng), self.log_weights)
 
     def prior(self) -> tuple[FloatArray, FloatArray]:
         """Mean (3,) and covariance (3, 3) of the prediction, without its sampling noise."""
-        mean, covariance = _moments(self._moved, normalise(self.log_weights))
+        mean, covariance = _moments(self._moved, self._cloud.weights)
         return mean, covariance + self._motion_covariance * self._repeated
 
     def weigh(self, match: Alignment, log_likelihood: LogLikelihood) -> None:
@@ -69,16 +98,13 @@ class ParticleFilter:
         root = np.linalg.cholesky(0.5 * (covariance + covariance.T))
         noise = _balanced_noise(len(mean), self._rng)
         drawn = mean + noise @ root.T
-        self.poses = match.pose + drawn
-        self.poses[:, 2] = wrap_rad(self.poses[:, 2])
+        poses = _wrapped(match.pose + drawn)
         # weight = likelihood * motion / proposal, each up to a common constant
         moved = drawn - ahead
         log_motion = -0.5 * np.einsum("pi,ij,pj->p", moved, motion_information, moved)
         log_proposal = -0.5 * np.sum(noise**2, axis=1)
-        self.log_weights = (
-            self.log_weights + log_likelihood(self.poses) + log_motion - log_proposal
-        )
-        self.log_weights -= self.log_weights.max()
+        log_weights = self.log_weights + log_likelihood(poses) + log_motion - log_proposal
+        self._cloud = Cloud(poses, log_weights - log_weights.max())
 
     def motion(self) -> tuple[FloatArray, FloatArray]:
         """(P, 3) where the motion leads each particle without noise; its covariance (3, 3)."""
@@ -99,48 +125,46 @@ class ParticleFilter:
         root = np.linalg.cholesky(0.5 * (covariance + covariance.swapaxes(1, 2)))
         noise = _balanced_noise(len(at), self._rng)
         drawn = mean + (root @ noise[..., None])[..., 0]
-        self.poses = at + drawn
-        self.poses[:, 2] = wrap_rad(self.poses[:, 2])
         # weight = motion / proposal, each up to a common constant
         off = drawn - ahead
         log_motion = -0.5 * np.einsum("pi,ij,pj->p", off, motion_information, off)
         log_proposal = 0.5 * np.linalg.slogdet(total)[1] - 0.5 * np.sum(noise**2, axis=1)
-        self.log_weights = self.log_weights + log_motion - log_proposal
+        log_weights = self.log_weights + log_motion - log_proposal
+        self._cloud = Cloud(_wrapped(at + drawn), log_weights)
 
     def reweigh(self, log_likelihoods: FloatArray) -> None:
         """Multiply the weights by likelihoods (P,)."""
-        self.log_weights = self.log_weights + log_likelihoods
-        self.log_weights -= self.log_weights.max()
+        log_weights = self.log_weights + log_likelihoods
+        self._cloud = Cloud(self.poses, log_weights - log_weights.max())
 
     def resample_below(self, share: float) -> IntArray | None:
         """Resample when the effective sample size falls below that share.
 
         Returns whom each particle (P,) descends from; None when nothing was drawn.
         """
-        weights = normalise(self.log_weights)
+        weights = self._cloud.weights
         if effective_sample_size(weights) >= share * len(weights):
             return None
         drawn = resample_low_variance(weights, self._rng)
-        self.poses = self.poses[drawn]
-        self.log_weights = np.zeros(len(weights))
+        self._cloud = Cloud(self.poses[drawn], np.zeros(len(weights)))
         return drawn
 
     def carry(self, new_from_old: FloatArray) -> None:
         """Move the whole cloud by a correction of the map under it."""
-        self.poses = compose(new_from_old, self.poses)
+        self._cloud = Cloud(compose(new_from_old, self.poses), self.log_weights)
 
     def gather(self, pose: FloatArray) -> None:
         """All particles at one pose (3,), none likelier than another."""
-        self.poses = np.tile(pose, (len(self.poses), 1))
-        self.log_weights = np.zeros(len(self.poses))
+        count = len(self.poses)
+        self._cloud = Cloud(np.tile(pose, (count, 1)), np.zeros(count))
 
     def mean(self) -> FloatArray:
         """(3,) mean position and circular mean heading (the paper's estimate)."""
-        return _moments(self.poses, normalise(self.log_weights))[0]
+        return self._cloud.moments[0].copy()
 
     def covariance(self) -> FloatArray:
         """(3, 3) of the cloud."""
-        return _moments(self.poses, normalise(self.log_weights))[1] + VARIANCE_MIN
+        return self._cloud.moments[1] + VARIANCE_MIN
 
 
 def _balanced_noise(count: int, rng: np.random.Generator) -> FloatArray:
@@ -149,10 +173,13 @@ def _balanced_noise(count: int, rng: np.random.Generator) -> FloatArray:
     return np.concatenate([half, -half])[:count]
 
 
+def _wrapped(poses: FloatArray) -> FloatArray:
+    poses[..., 2] = wrap_rad(poses[..., 2])
+    return poses
+
+
 def _difference(poses: FloatArray, pose: FloatArray) -> FloatArray:
-    off = poses - pose
-    off[..., 2] = wrap_rad(off[..., 2])
-    return off
+    return _wrapped(poses - pose)
 
 
 def _moments(poses: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -95,14 +95,15 @@ class Slam:
         self._estimator.predict(motion)
         self._remember(motion)
         surfels = self._surfels(scan)
-        correction = self._correct(scan, surfels)
+        thinned = _spread_out(surfels)
+        correction = self._correct(scan, thinned)
         match = None if correction is None else correction.match
         self.is_located = correction is not None
         if correction is not None:
             self._wheel_scale.located(self._estimator.pose())
         if self._becomes_node(keep, match):
             node = self._add_node(scan, surfels, match)
-            self._settle(node, surfels)
+            self._settle(node, thinned)
         self._anchor(scan.stamp_s)
         return PoseEstimate(
             stamp_s=scan.stamp_s, pose=self.pose, covariance=self._estimator.covariance()
@@ -233,14 +234,14 @@ class Slam:
         return surfels_of_scan(scan, bearing_std_rad, MATCH_RADIUS_M).at(self._base_from_lrf)
 
     def _thinned(self, scan: LaserScan) -> Surfels:
-        return self._surfels(scan).spread_out(SURFEL_SPACING_M, SCAN_SURFELS_MAX)
+        return _spread_out(self._surfels(scan))
 
     def _correct(self, scan: LaserScan, surfels: Surfels) -> Correction | None:
         observation = Observation(
             scan,
             self._base_from_lrf,
             self._config.bearing_std_deg,
-            surfels.spread_out(SURFEL_SPACING_M, SCAN_SURFELS_MAX),
+            surfels,
             self._field_around,
         )
         correction = self._estimator.correct(observation)
@@ -307,14 +308,13 @@ class Slam:
         """Look where the walls run and for closed loops; relax the graph when they say so."""
         if not self._estimator.closes_loops or len(surfels) == 0:
             return
-        thinned = surfels.spread_out(SURFEL_SPACING_M, SCAN_SURFELS_MAX)
         is_turned = self._config.wall_directions and self._directions.see(
-            self._nodes.graph, node, thinned, self._travelled_m
+            self._nodes.graph, node, surfels, self._travelled_m
         )
         before = self._nodes.graph.poses[node].copy()
         if is_turned:
             self._nodes.graph.relax()
-        is_closed = self._close_loops(node, thinned)
+        is_closed = self._close_loops(node, surfels)
         if is_turned or is_closed:
             self.map_moves += 1
             self._estimator.carry(compose(self._nodes.graph.poses[node], inverse(before)))
@@ -343,3 +343,8 @@ class Slam:
                 stamp_s=stamp_s, node_id=node, node_from_base=Pose2.from_array(node_from_base)
             )
         )
+
+
+def _spread_out(surfels: Surfels) -> Surfels:
+    """Few enough to match with, spread evenly."""
+    return surfels.spread_out(SURFEL_SPACING_M, SCAN_SURFELS_MAX)
