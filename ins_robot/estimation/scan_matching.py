@@ -13,8 +13,17 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ins_robot.estimation.surfel_residuals import (
+    FixedPart,
+    Residuals,
+    Slopes,
+    costs_of,
+    normal_equations,
+    residuals_of,
+    shares_of,
+    weights_of,
+)
 from ins_robot.geometry.angles import FloatArray, wrap_rad
 from ins_robot.geometry.pose2 import transform_points
 from ins_robot.mapping.field_pyramid import FieldPyramid
@@ -28,12 +37,7 @@ KEPT_PER_LEVEL = 48
 BLOCK = 500  # candidates looked up together (measured)
 RIVAL_DISTANCE_M = 0.35  # a peak this far away is another place
 RIVAL_TURN_RAD = math.radians(12.0)
-MAP_STD_M = 0.015  # what a surfel of the map may be off, apart from its own noise
-KERNEL_STDS = 3.0  # Geman-McClure: residuals beyond this many deviations fade
 KERNEL_START = 3.0  # the kernel starts this much wider and narrows
-GATE_COS = 0.3  # surfaces that face apart by more do not correspond
-GATE_COS_ROUND = 0.0  # nor do edges and legs seen from sides further apart
-CORRELATION = 5.0  # neighbouring beams err together: this many count as one
 ITERATIONS = 8
 CONVERGED_M = 2e-4
 INLIER_STDS = 3.0
@@ -164,89 +168,12 @@ def _values(
     return values
 
 
-@dataclass(frozen=True, slots=True)
-class _Residuals:
-    """Residuals of P poses x B surfels against the nearest surfels of the map."""
-
-    normal_m: FloatArray  # (P, B) along the map's normal
-    tangent_m: FloatArray  # (P, B) across it, 0 where the map is flat
-    is_round: FloatArray  # (P, B) 1 where the map's surfel is no line
-    normal_x: FloatArray  # (P, B)
-    normal_y: FloatArray
-    lever_x_m: FloatArray  # (P, B) from the base to the point
-    lever_y_m: FloatArray
-    var_m2: FloatArray  # (P, B)
-    is_matched: BoolArray  # (P, B)
-    surfel: NDArray[np.int32]  # (P, B)
-
-
-def _residuals(field: LikelihoodField, scan: Surfels, poses: FloatArray) -> _Residuals:
-    c, s = np.cos(poses[:, 2, None]), np.sin(poses[:, 2, None])
-    qx, qy = scan.points_m[:, 0], scan.points_m[:, 1]
-    lever_x, lever_y = c * qx - s * qy, s * qx + c * qy
-    px, py = lever_x + poses[:, 0, None], lever_y + poses[:, 1, None]
-    surfel = field.nearest_surfels(px, py)
-    mx, my, nx, ny, var, tilt_var, flat = field.columns.take(surfel, axis=1)
-    sx, sy = scan.normals[:, 0], scan.normals[:, 1]
-    facing = c * (sx * nx + sy * ny) + s * (sx * ny - sy * nx)
-    # surfaces that face apart do not correspond: the two edges of a door post are a wall apart
-    least = np.where(flat * scan.is_flat == 0.0, GATE_COS_ROUND, GATE_COS)
-    # a wall that comes out from behind an edge is not the edge, and would draw the pose back
-    meets_round = ~(scan.is_flat | scan.is_lone)
-    is_matched = (surfel >= 0) & (facing > least) & ((flat == 1.0) | meets_round)
-    px -= mx
-    py -= my
-    is_round = 1.0 - flat
-    tangent = py * nx - px * ny
-    return _Residuals(
-        normal_m=px * nx + py * ny,
-        tangent_m=tangent * is_round,
-        is_round=is_round,
-        normal_x=nx,
-        normal_y=ny,
-        lever_x_m=lever_x,
-        lever_y_m=lever_y,
-        # a tilted normal errs more the further off its surfel it is used
-        var_m2=var + tilt_var * tangent**2 + (scan.std_m**2 + MAP_STD_M**2),
-        is_matched=is_matched,
-        surfel=surfel,
-    )
-
-
-def _kernel(residuals: _Residuals, width: float) -> tuple[FloatArray, FloatArray]:
-    """Geman-McClure cost (P,) and weights (P, B); what has no partner costs as an outlier."""
-    square = (residuals.normal_m**2 + residuals.tangent_m**2) / residuals.var_m2
-    scale = (KERNEL_STDS * width) ** 2
-    share = residuals.is_matched * scale / (scale + square)
-    cost = scale * (1.0 - share).sum(axis=1)
-    return 0.5 * cost / CORRELATION, share**2 / (residuals.var_m2 * CORRELATION)
-
-
 def log_likelihoods(field: LikelihoodField, scan: Surfels, poses: FloatArray) -> FloatArray:
     """(P,) log-likelihood of the scan at each pose, up to a constant; all beams at once.
 
     What finds nothing costs as an outlier: to be weighed are readings known to lie on the map.
     """
-    cost, _ = _kernel(_residuals(field, scan, poses), 1.0)
-    return -cost
-
-
-def _jacobians(r: _Residuals) -> tuple[FloatArray, FloatArray]:
-    """(P, 3, B) derivatives of the normal and of the tangent residual by the pose."""
-    nx, ny = r.normal_x, r.normal_y
-    by_normal = np.stack([nx, ny, ny * r.lever_x_m - nx * r.lever_y_m], axis=1)
-    by_tangent = np.stack([-ny, nx, nx * r.lever_x_m + ny * r.lever_y_m], axis=1)
-    return by_normal, by_tangent
-
-
-def _normal_equations(r: _Residuals, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Information (P, 3, 3) and gradient (P, 3)."""
-    by_normal, by_tangent = _jacobians(r)
-    weighted_n = by_normal * weights[:, None, :]
-    weighted_t = by_tangent * (weights * r.is_round)[:, None, :]
-    information = weighted_n @ by_normal.swapaxes(1, 2) + weighted_t @ by_tangent.swapaxes(1, 2)
-    gradient = weighted_n @ r.normal_m[..., None] + weighted_t @ r.tangent_m[..., None]
-    return information, gradient[..., 0]
+    return -costs_of(shares_of(residuals_of(field, FixedPart.of(scan), poses), 1.0))
 
 
 def align(
@@ -261,12 +188,12 @@ def align(
 
     `kernel_start` is how much wider the robust kernel is at first: 1 for starts that are close.
     """
-    poses = np.array(starts, dtype=np.float64)
+    poses, fixed = np.array(starts, dtype=np.float64), FixedPart.of(scan)
     for iteration in range(ITERATIONS):
         width = max(1.0, kernel_start * (1.0 - iteration / (ITERATIONS - 3)))
-        residuals = _residuals(field, scan, poses)
-        _, weights = _kernel(residuals, width)
-        information, gradient = _normal_equations(residuals, weights)
+        residuals = residuals_of(field, fixed, poses)
+        weights = weights_of(residuals, shares_of(residuals, width))
+        information, gradient = normal_equations(residuals, Slopes.of(residuals), weights)
         off = poses - prior_pose
         off[:, 2] = wrap_rad(off[:, 2])
         step = -np.linalg.solve(
@@ -275,13 +202,14 @@ def align(
         poses = poses + step
         if width == 1.0 and np.abs(step[:, :2]).max() < CONVERGED_M:
             break
-    residuals = _residuals(field, scan, poses)
-    cost, weights = _kernel(residuals, 1.0)
+    residuals = residuals_of(field, fixed, poses)
+    shares, slopes = shares_of(residuals, 1.0), Slopes.of(residuals)
+    weights = weights_of(residuals, shares)
     off = poses - prior_pose
     off[:, 2] = wrap_rad(off[:, 2])
-    cost = cost + 0.5 * np.einsum("si,ij,sj->s", off, prior_information, off)
+    cost = costs_of(shares) + 0.5 * np.einsum("si,ij,sj->s", off, prior_information, off)
     best = int(np.argmin(cost))
-    information, gradient = _normal_equations(residuals, weights)
+    information, gradient = normal_equations(residuals, slopes, weights)
     error = np.hypot(residuals.normal_m[best], residuals.tangent_m[best])
     is_inlier = residuals.is_matched[best] & (
         error < INLIER_STDS * np.sqrt(residuals.var_m2[best])
@@ -296,21 +224,26 @@ def align(
         inliers=int(is_inlier.sum()),
         cost=float(cost[best]),
         is_inlier=is_inlier,
-        by_source=_by_source(field, residuals, weights, best),
+        by_source=_by_source(field, residuals, slopes, weights, best),
     )
 
 
 def _by_source(
-    field: LikelihoodField, residuals: _Residuals, weights: FloatArray, best: int
+    field: LikelihoodField,
+    residuals: Residuals,
+    slopes: Slopes,
+    weights: FloatArray,
+    best: int,
 ) -> dict[int, FloatArray]:
     """Information (3, 3) per node that the matched surfels came from."""
     matched = residuals.is_matched[best]
     sources = field.surfels.sources[residuals.surfel[best][matched]]
-    nodes, slot = np.unique(sources, return_inverse=True)
-    by_normal, by_tangent = (j[best][:, matched] for j in _jacobians(residuals))  # (3, M)
+    nodes = np.unique(sources)
+    by_normal = slopes.by_normal[best][:, matched]  # (3, M)
+    by_tangent = slopes.by_tangent[best][:, matched]
     weight = weights[best][matched]
     outer = (by_normal * weight)[:, None] * by_normal
     outer += (by_tangent * (weight * residuals.is_round[best][matched]))[:, None] * by_tangent
-    is_from = (slot == np.arange(len(nodes))[:, None]).astype(np.float64)  # (nodes, M)
+    is_from = (sources == nodes[:, None]).astype(np.float64)  # (nodes, M)
     sums = np.tensordot(is_from, outer, axes=(1, 2))
     return {int(node): sums[i] for i, node in enumerate(nodes)}

@@ -93,10 +93,11 @@ class LikelihoodField:
 
     def nearest_surfels(self, x_m: FloatArray, y_m: FloatArray) -> NDArray[np.int32]:
         """(...) index of the surfel nearest to each point, -1 without one in reach."""
-        col = np.clip(x_m * (1.0 / CELL_M) - self._corner[0], 0, self.width - 1)
-        row = np.clip(y_m * (1.0 / CELL_M) - self._corner[1], 0, self.height - 1)
-        index = row.astype(np.int32) * np.int32(self.width) + col.astype(np.int32)
-        return self.nearest.take(index)
+        col = _clipped(x_m * (1.0 / CELL_M) - self._corner[0], self.width)
+        row = _clipped(y_m * (1.0 / CELL_M) - self._corner[1], self.height)
+        row *= self.width
+        row += col
+        return self.nearest.take(row)
 
     @cached_property
     def grades(self) -> Grades:
@@ -117,3 +118,10 @@ class LikelihoodField:
         """(S*N,) cells around the surfels in the flattened window, the nearest last."""
         around = STAMP_OFFSETS[:, 0] * self.width + STAMP_OFFSETS[:, 1]
         return (around[:, None] + self._occupied).reshape(-1)
+
+
+def _clipped(cells: FloatArray, count: int) -> IntArray:
+    """(...) whole cells from 0 to before `count`; overwrites what it is given."""
+    np.maximum(cells, 0.0, out=cells)  # np.clip takes three times as long for few
+    np.minimum(cells, count - 1.0, out=cells)
+    return cells.astype(np.int64)
