@@ -80,14 +80,15 @@ class Surfels:
 
     def take(self, index: IntArray | BoolArray) -> Surfels:
         """A part of them."""
+        rows = np.flatnonzero(index) if index.dtype == np.bool_ else index
         return Surfels(
-            points_m=self.points_m[index],
-            normals=self.normals[index],
-            is_flat=self.is_flat[index],
-            std_m=self.std_m[index],
-            tilt_std_rad=self.tilt_std_rad[index],
-            is_lone=self.is_lone[index],
-            sources=self.sources[index],
+            points_m=self.points_m.take(rows, axis=0),
+            normals=self.normals.take(rows, axis=0),
+            is_flat=self.is_flat.take(rows),
+            std_m=self.std_m.take(rows),
+            tilt_std_rad=self.tilt_std_rad.take(rows),
+            is_lone=self.is_lone.take(rows),
+            sources=self.sources.take(rows),
         )
 
     def seen_by(self, node_id: int) -> Surfels:
@@ -117,42 +118,33 @@ def surfels_of_scan(scan: LaserScan, bearing_std_rad: float, reach_max_m: float)
     used = np.flatnonzero(np.nan_to_num(scan.ranges_m, nan=np.inf) <= reach_max_m)
     used = used[np.argsort(scan.bearings_rad[used], kind="stable")]
     ranges, bearings = scan.ranges_m[used], scan.bearings_rad[used]
-    points = np.stack([ranges * np.cos(bearings), ranges * np.sin(bearings)], axis=-1)
+    rays = np.stack([np.cos(bearings), np.sin(bearings)], axis=-1)
+    points = ranges[:, None] * rays
     count = len(points)
     offsets = np.array([k for k in range(-NEIGHBOURS_PER_SIDE, NEIGHBOURS_PER_SIDE + 1) if k])
     # near readings lie so close that noise would hide the line: their voters are further apart
     spacing_m = ranges * (np.median(np.diff(bearings)) if count > 1 else 1.0)
     stride = np.clip(np.round(VOTER_SPACING_M / np.maximum(spacing_m, 1e-6)), 1, STRIDE_MAX)
-    index = np.arange(count)[:, None] + offsets * stride.astype(np.int64)[:, None]
+    index = np.arange(count) + offsets[:, None] * stride.astype(np.int64)  # (2k, N)
     inside = (index >= 0) & (index < count)
     index = np.clip(index, 0, max(count - 1, 0))
-    steps = points[index] - points[:, None, :]  # (N, 2k, 2)
+    x, y = points.T.copy()
+    step_x, step_y = x.take(index) - x, y.take(index) - y
     reach = REACH_M + REACH_PER_M * ranges
-    votes = (inside & ((steps**2).sum(axis=-1) < (reach**2)[:, None])).astype(np.float64)
+    votes = (inside & (step_x**2 + step_y**2 < reach**2)).astype(np.float64)
 
-    weight = votes.sum(axis=1) + 1.0
-    mean = (steps * votes[..., None]).sum(axis=1) / weight[:, None]
-    second = np.einsum("nk,nki,nkj->nij", votes, steps, steps) / weight[:, None, None]
-    second -= mean[:, :, None] * mean[:, None, :]
-    xx, xy, yy = second[:, 0, 0], second[:, 0, 1], second[:, 1, 1]
-    half_gap = np.sqrt((0.5 * (xx - yy)) ** 2 + xy**2)
-    along_var, across_var = (
-        0.5 * (xx + yy) + half_gap,
-        np.maximum(0.5 * (xx + yy) - half_gap, 0),
-    )
-    along_rad = 0.5 * np.arctan2(2.0 * xy, xx - yy)
+    votes_count = votes.sum(axis=0)
+    weight = votes_count + 1.0
+    along_rad, along_var, across_var = _axes(step_x, step_y, votes, weight)
     normals = np.stack([-np.sin(along_rad), np.cos(along_rad)], axis=-1)
     normals *= np.where((normals * points).sum(axis=-1) > 0.0, -1.0, 1.0)[:, None]
     # Noise is no bend: what it explains across a line does not speak against the line.
     range_var = scan.range_std_m[used] ** 2
     noise_var = np.minimum(NOISE_FACTOR * range_var, NOISE_RATIO**2 * along_var)
-    is_flat = (votes.sum(axis=1) >= VOTES_MIN) & (
-        across_var < FLAT_RATIO**2 * along_var + noise_var
-    )
+    is_flat = (votes_count >= VOTES_MIN) & (across_var < FLAT_RATIO**2 * along_var + noise_var)
 
     beside = np.concatenate([ranges[:1], ranges, ranges[-1:]])
     is_behind = np.minimum(beside[:-2], beside[2:]) < ranges - reach
-    rays = np.stack([np.cos(bearings), np.sin(bearings)], axis=-1)
     normals = np.where(is_flat[:, None], normals, -rays)
     cos_incidence = (normals * rays).sum(axis=-1)
     bearing_var = (ranges * bearing_std_rad) ** 2
@@ -166,6 +158,25 @@ def surfels_of_scan(scan: LaserScan, bearing_std_rad: float, reach_max_m: float)
         is_flat=is_flat,
         std_m=np.sqrt(np.where(is_flat, flat_var, round_var)),
         tilt_std_rad=np.where(is_flat, tilt_std, 0.0),
-        is_lone=(votes.sum(axis=1) < VOTES_MIN) | (is_behind & ~is_flat),
+        is_lone=(votes_count < VOTES_MIN) | (is_behind & ~is_flat),
         sources=np.full(count, -1),
     )
+
+
+def _axes(
+    step_x: FloatArray, step_y: FloatArray, votes: FloatArray, weight: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Direction (N,) of the line through each point and its voters, spread along and across.
+
+    Steps (2k, N) lead from a point to the voters, `votes` (2k, N) are 0 or 1; `weight` (N,) is
+    their number and the point itself.
+    """
+    voted_x, voted_y = votes * step_x, votes * step_y
+    mean_x, mean_y = voted_x.sum(axis=0) / weight, voted_y.sum(axis=0) / weight
+    xx = (voted_x * step_x).sum(axis=0) / weight - mean_x * mean_x
+    xy = (voted_x * step_y).sum(axis=0) / weight - mean_x * mean_y
+    yy = (voted_y * step_y).sum(axis=0) / weight - mean_y * mean_y
+    half_gap = np.sqrt((0.5 * (xx - yy)) ** 2 + xy**2)
+    middle = 0.5 * (xx + yy)
+    along_rad = 0.5 * np.arctan2(2.0 * xy, xx - yy)
+    return along_rad, middle + half_gap, np.maximum(middle - half_gap, 0.0)
