@@ -131,36 +131,47 @@ class NodeMap:
         square = (off**2).sum(axis=1)
         if len(nodes) > LOCAL_NODES:
             nodes = nodes[np.argpartition(square, LOCAL_NODES)[:LOCAL_NODES]]
-        surfels = self._gather(np.sort(nodes))
-        offset = surfels.points_m - pose[:2]
-        in_front = (surfels.normals * offset).sum(axis=1) < BEHIND_M
-        keep = (in_front | ~surfels.is_flat) & ((offset**2).sum(axis=1) < MATCH_RADIUS_M**2)
-        if not keep.any():
-            return None
-        return LikelihoodField(surfels.take(keep))
+        surfels = self._seen_around(np.sort(nodes), pose)
+        return LikelihoodField(surfels) if len(surfels) else None
 
-    def _gather(self, nodes: IntArray) -> Surfels:
-        """Surfels of those nodes, in the map frame, in one go."""
+    def _seen_around(self, nodes: IntArray, pose: FloatArray) -> Surfels:
+        """Surfels of those nodes, map frame: near `pose`, and not seen from behind there."""
+        rows, counts = self._rows(nodes)
+        node_x, node_y, heading = (np.repeat(p, counts) for p in self.graph.poses[nodes].T)
+        c, s = np.cos(heading), np.sin(heading)
+        x, y = _turned(c, s, self._points.all.take(rows, axis=0))
+        nx, ny = _turned(c, s, self._normals.all.take(rows, axis=0))
+        x += node_x
+        y += node_y
+        off_x, off_y = x - pose[0], y - pose[1]
+        is_flat = self._is_flat.all.take(rows)
+        in_front = nx * off_x + ny * off_y < BEHIND_M
+        is_near = off_x**2 + off_y**2 < MATCH_RADIUS_M**2
+        kept = np.flatnonzero((in_front | ~is_flat) & is_near)
+        rows = rows.take(kept)
+        return Surfels(
+            points_m=np.stack([x.take(kept), y.take(kept)], axis=-1),
+            normals=np.stack([nx.take(kept), ny.take(kept)], axis=-1),
+            is_flat=is_flat.take(kept),
+            std_m=self._std.all.take(rows).astype(np.float64),
+            tilt_std_rad=self._tilt.all.take(rows).astype(np.float64),
+            is_lone=np.zeros(len(rows), dtype=bool),
+            sources=np.repeat(nodes, counts).take(kept),
+        )
+
+    def _rows(self, nodes: IntArray) -> tuple[IntArray, IntArray]:
+        """(N,) rows of those nodes' surfels, node by node; and how many each has."""
         last = self._last.all
         first = np.where(nodes > 0, last[nodes - 1], 0)
         counts = last[nodes] - first
-        sources = np.repeat(nodes, counts)
-        rows = np.arange(len(sources)) + np.repeat(first - (np.cumsum(counts) - counts), counts)
-        poses = self.graph.poses[sources]
-        c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+        ahead = np.cumsum(counts) - counts
+        return np.arange(counts.sum()) + np.repeat(first - ahead, counts), counts
 
-        def turn(v: FloatArray) -> FloatArray:
-            return np.stack([c * v[:, 0] - s * v[:, 1], s * v[:, 0] + c * v[:, 1]], axis=-1)
 
-        return Surfels(
-            points_m=turn(self._points.all[rows]) + poses[:, :2],
-            normals=turn(self._normals.all[rows]),
-            is_flat=self._is_flat.all[rows],
-            std_m=self._std.all[rows].astype(np.float64),
-            tilt_std_rad=self._tilt.all[rows].astype(np.float64),
-            is_lone=np.zeros(len(rows), dtype=bool),
-            sources=sources,
-        )
+def _turned(c: FloatArray, s: FloatArray, vectors: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(N,) x and y of vectors (N, 2), turned by the headings with that cosine and sine."""
+    x, y = vectors.T
+    return c * x - s * y, s * x + c * y
 
 
 def way_m(motion: MotionIncrement) -> float:
