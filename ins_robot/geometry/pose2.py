@@ -77,13 +77,10 @@ def compose(a: ArrayLike, b: ArrayLike) -> FloatArray:
     """`a @ b` on batches that broadcast against each other, shape (..., 3)."""
     a, b = np.asarray(a, dtype=np.float64), np.asarray(b, dtype=np.float64)
     c, s = np.cos(a[..., 2]), np.sin(a[..., 2])
-    return np.stack(
-        [
-            a[..., 0] + c * b[..., 0] - s * b[..., 1],
-            a[..., 1] + s * b[..., 0] + c * b[..., 1],
-            wrap_rad(a[..., 2] + b[..., 2]),
-        ],
-        axis=-1,
+    return _rows(
+        a[..., 0] + c * b[..., 0] - s * b[..., 1],
+        a[..., 1] + s * b[..., 0] + c * b[..., 1],
+        wrap_rad(a[..., 2] + b[..., 2]),
     )
 
 
@@ -91,13 +88,10 @@ def inverse(a: ArrayLike) -> FloatArray:
     """Inverse of each pose of a batch, shape (..., 3)."""
     a = np.asarray(a, dtype=np.float64)
     c, s = np.cos(a[..., 2]), np.sin(a[..., 2])
-    return np.stack(
-        [
-            -c * a[..., 0] - s * a[..., 1],
-            s * a[..., 0] - c * a[..., 1],
-            wrap_rad(-a[..., 2]),
-        ],
-        axis=-1,
+    return _rows(
+        -c * a[..., 0] - s * a[..., 1],
+        s * a[..., 0] - c * a[..., 1],
+        wrap_rad(-a[..., 2]),
     )
 
 
@@ -112,8 +106,12 @@ def transform_points(poses: ArrayLike, points_m: ArrayLike) -> FloatArray:
     points = np.asarray(points_m, dtype=np.float64)
     c, s = np.cos(poses[..., 2, None]), np.sin(poses[..., 2, None])
     x, y = points[..., 0], points[..., 1]
-    new_x = poses[..., 0, None] + c * x - s * y
-    carried = np.empty((*new_x.shape, 2))
-    carried[..., 0] = new_x
-    carried[..., 1] = poses[..., 1, None] + s * x + c * y
-    return carried
+    return _rows(poses[..., 0, None] + c * x - s * y, poses[..., 1, None] + s * x + c * y)
+
+
+def _rows(*columns: FloatArray) -> FloatArray:
+    """(..., C) of C arrays (...); `np.stack` takes twice as long."""
+    rows = np.empty((*columns[0].shape, len(columns)))
+    for k, column in enumerate(columns):
+        rows[..., k] = column
+    return rows
