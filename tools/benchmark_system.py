@@ -4,6 +4,7 @@
     python tools/benchmark_system.py --out runs/bench                 # five worlds, seeds 0..4
     python tools/benchmark_system.py --worlds DIR --out runs/bench28  # all of DIR, start 0
     ... --set slam.estimator=odometry --jobs 2
+    ... --fault gyro_bias_step 60 60 --fault gyro_bias_step 240 60  # in each run
 
 DIR holds *.yaml and a worlds.csv with name, start0_x_m, start0_y_m. One JSON line per run goes
 to OUT/results.jsonl; a run already there is not run again (delete the file to start afresh).
@@ -57,6 +58,15 @@ def main() -> int:
     )
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--set", dest="overrides", action="append", default=[])
+    parser.add_argument(
+        "--fault",
+        dest="faults",
+        nargs=3,
+        metavar=("NAME", "FROM_S", "DURATION_S"),
+        action="append",
+        default=[],
+        help="passed on to each `simulate` (repeatable)",
+    )
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
     args = parser.parse_args()
     jobs = list_jobs(args)
@@ -111,6 +121,8 @@ def run(job: Job, args: argparse.Namespace) -> dict:
         command += ["--start", job.start]
     for override in args.overrides:
         command += ["--set", override]
+    for fault in args.faults:
+        command += ["--fault", *fault]
     environment = os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     done = subprocess.run(command, capture_output=True, text=True, env=environment, check=False)
     try:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What can go wrong with the simulated body on purpose, and when: for scenarios."""
+"""What can go wrong with the simulated body on purpose, and when (`simulate --fault`)."""
 
 from __future__ import annotations
 
@@ -20,6 +20,12 @@ class BodyFault(StrEnum):
     """The emergency-stop input is on."""
     BATTERY_LOW = "battery_low"
     """The battery reads 9 V."""
+    GYRO_BIAS_STEP = "gyro_bias_step"
+    """The gyro's bias is off by 2 deg/s more. An MPU-6050 may err by 20 deg/s between 25 and
+    85 C, so 2 deg/s is a board that warms by 6 C, coming all at once as after a knock."""
+    COMPASS_DISTURBED = "compass_disturbed"
+    """The compass heading is turned by 30 degrees, the field as strong as ever: metal on the
+    body that the compass gate cannot tell by the norm."""
 
 
 class _Episode(NamedTuple):

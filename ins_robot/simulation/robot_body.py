@@ -44,6 +44,8 @@ Triple = tuple[float, float, float]
 _BURST_GRIP: Triple = (0.2, 1.0, 0.4)
 _NO_GRIP: Triple = (0.0, 0.0, 0.0)
 _BATTERY_LOW_V = 9.0
+_GYRO_STEP_DPS = 2.0
+_COMPASS_TURN_RAD = math.radians(30.0)
 
 
 class RobotBody:
@@ -138,10 +140,17 @@ class RobotBody:
         """True yaw rate, the latest known at `now_s`."""
         return self._twist_world[2]
 
+    def gyro_shift_dps(self, now_s: float) -> float:
+        """What a fault adds to the gyro's bias."""
+        is_shifted = BodyFault.GYRO_BIAS_STEP in self._faults.active(now_s)
+        return _GYRO_STEP_DPS if is_shifted else 0.0
+
     def field_gauss(self, now_s: float) -> Triple:
         """Magnetic field in the base frame, gauss."""
         ahead = max(0.0, now_s - self._now_s)
         heading = self._heading_rad + ahead * self._twist_world[2]
+        if BodyFault.COMPASS_DISTURBED in self._faults.active(now_s):
+            heading += _COMPASS_TURN_RAD
         c, s = math.cos(heading), math.sin(heading)
         fx, fy, fz = self._metal.at(self._x_m, self._y_m)
         return c * fx + s * fy, c * fy - s * fx, fz

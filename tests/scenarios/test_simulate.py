@@ -70,6 +70,43 @@ def test_a_continuous_lrf_is_on_all_the_time_and_feeds_slam_on_the_way(
     assert summary["sweeps"] > summary["duration_s"]  # three turns a second, but standing
 
 
+def _faults(*episodes: tuple[str, float, float]) -> list[object]:
+    return [word for episode in episodes for word in ("--fault", *episode)]
+
+
+SLIPS = _faults(*[("slip_burst", from_s, 1) for from_s in range(10, 200, 20)])
+TURNED_COMPASS = _faults(("compass_disturbed", 40, 1000))
+GYRO_STEP = _faults(("gyro_bias_step", 20, 30))
+
+
+@pytest.mark.parametrize(
+    "faults",
+    [
+        pytest.param([*SLIPS, *TURNED_COMPASS], id="slips and compass"),
+        pytest.param(
+            [*SLIPS, *TURNED_COMPASS, *GYRO_STEP],
+            id="and gyro",
+            marks=pytest.mark.xfail(
+                strict=True, reason="docs/results.md, Disturbances on purpose"
+            ),
+        ),
+    ],
+)
+def test_a_map_survives_disturbances_on_purpose(
+    ins_robot, tmp_path: Path, faults: list[object]
+) -> None:
+    """Without metal around, or the compass would hardly be listened to."""
+    options = ("exploration.return_home=false", "simulation.compass_disturbance=0")
+    words = [word for option in options for word in ("--set", option)]
+    done = ins_robot("simulate", "clutter", "--out", tmp_path, "--json", *words, *faults)
+    summary = json.loads(done.stdout)
+    assert summary["state"] == "complete"
+    assert summary["collisions"] == 0
+    assert summary["coverage"] >= 0.98
+    assert summary["localization_rmse_m"] <= 0.06
+    assert summary["heading_rmse_deg"] <= 1.0
+
+
 def test_the_first_scan_looks_all_around_and_later_ones_forward(
     rooms_run: tuple[Path, dict],
 ) -> None:
@@ -106,6 +143,7 @@ def test_replaying_the_recording_gives_the_run_again(
         (["simulate", "nowhere.yaml"], "nowhere.yaml"),
         (["simulate", "rooms", "--start", "1"], "--start 1: expected X,Y"),
         (["simulate", "rooms", "--start", "-50,-50"], "-50"),
+        (["simulate", "rooms", "--fault", "hail", "1", "1"], "there are slip_burst, stuck, "),
         (["simulate", "rooms", "--set", "lrf.rmp=200"], "did you mean 'rpm'"),
         (["simulate", "rooms", "--set", "lrf.rpm=20"], "at least 180"),
         (["replay", "nowhere.clf"], "nowhere.clf"),

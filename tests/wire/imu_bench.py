@@ -32,6 +32,9 @@ class Turntable:
     def yaw_rate_radps(self, now_s: float) -> float:
         return self.rate_radps
 
+    def gyro_shift_dps(self, now_s: float) -> float:
+        return 0.0
+
     def field_gauss(self, now_s: float) -> tuple[float, float, float]:
         return self.field
 

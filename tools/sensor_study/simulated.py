@@ -103,6 +103,9 @@ class _Standing:
     def yaw_rate_radps(self, now_s: float) -> float:
         return 0.0
 
+    def gyro_shift_dps(self, now_s: float) -> float:
+        return 0.0
+
     def field_gauss(self, now_s: float) -> tuple[float, float, float]:
         return (0.2, 0.0, 0.0)
 

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from ins_robot.config import Config
     from ins_robot.geometry.pose2 import Pose2
     from ins_robot.mapping.zones import Zone
+    from ins_robot.simulation.body_faults import BodyFault
 
 PROGRESS_PERIOD_S = 5.0  # of robot time
 XY, XYDEG = 2, 3
@@ -45,6 +46,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=Path,
         help="no-go zones and virtual walls, as `zones list --json` prints them",
     )
+    parser.add_argument(
+        "--fault",
+        dest="faults",
+        nargs=3,
+        metavar=("NAME", "FROM_S", "DURATION_S"),
+        action="append",
+        default=[],
+        help="let something go wrong for a while, in seconds since switching on, "
+        "e.g. --fault slip_burst 30 1 (repeatable); an unknown NAME lists them all",
+    )
     parser.add_argument("--json", action="store_true", help="print summary.json on stdout")
     add_set_argument(parser)
     add_config_argument(parser)
@@ -67,12 +78,13 @@ def run(args: argparse.Namespace) -> int:
     world = World.find(args.world)
     start = world.start_pose(parse_start(args.start), config.robot.radius_m)
     zones = read_zones(args.zones) if args.zones is not None else ()
+    faults = [parse_fault(words) for words in args.faults]
     if prepare_directory(args.out):
         print(f"{args.out}: replaces the run there", file=sys.stderr)
     set_up("warning")
     try:
         with TerminateAsInterrupt():
-            summary = run_virtual(_simulate(config, world, start, args.out, zones))
+            summary = run_virtual(_simulate(config, world, start, args.out, zones, faults))
     except KeyboardInterrupt:
         is_saved = (args.out / SUMMARY).exists()
         kept = "what was mapped so far is" if is_saved else "before the run began: no map is"
@@ -86,7 +98,12 @@ def run(args: argparse.Namespace) -> int:
 
 
 async def _simulate(
-    config: Config, world: Any, start: Pose2, directory: Path, zones: tuple[Zone, ...]
+    config: Config,
+    world: Any,
+    start: Pose2,
+    directory: Path,
+    zones: tuple[Zone, ...],
+    faults: list[tuple[BodyFault, float, float]],
 ) -> dict[str, Any]:
     import asyncio
 
@@ -96,6 +113,8 @@ async def _simulate(
 
     clock = asyncio.get_running_loop().time
     simulated = SimulatedRobot(config, world, start, config.slam.seed)
+    for fault, from_s, duration_s in faults:
+        simulated.body.schedule(fault, from_s, duration_s)
     connector = simulated.memory_connector(clock)
     robot = Robot(
         config, connector, clock_kind="virtual", annotate=simulated.annotate, draw=png_bytes
@@ -183,6 +202,24 @@ def parse_start(text: str | None) -> Pose2 | None:
     if len(values) not in (XY, XYDEG) or not all(abs(v) < float("inf") for v in values):
         raise InputError(f"--start {text}: expected X,Y or X,Y,DEG in metres and degrees")
     return Pose2(values[0], values[1], math.radians(values[2]) if len(values) == XYDEG else 0.0)
+
+
+def parse_fault(words: list[str]) -> tuple[BodyFault, float, float]:
+    """`NAME FROM_S DURATION_S` as a fault, when it begins, and for how long."""
+    from ins_robot.simulation.body_faults import BodyFault
+
+    name, *times = words
+    if name not in list(BodyFault):
+        raise InputError(f"--fault {name}: no such fault; there are {', '.join(BodyFault)}")
+    try:
+        from_s, duration_s = map(float, times)
+    except ValueError:
+        from_s = duration_s = math.nan
+    if not (0.0 <= from_s < math.inf and 0.0 <= duration_s < math.inf):
+        raise InputError(
+            f"--fault {' '.join(words)}: expected FROM_S and DURATION_S in seconds, 0 or more"
+        )
+    return BodyFault(name), from_s, duration_s
 
 
 def describe(summary: dict[str, Any], directory: Path) -> str:

@@ -18,6 +18,10 @@ class BodyMotion(Protocol):
         """True turn rate about +z, counter-clockwise."""
         ...
 
+    def gyro_shift_dps(self, now_s: float) -> float:
+        """What the gyro's z axis reads too much, beside its own bias."""
+        ...
+
     def field_gauss(self, now_s: float) -> tuple[float, float, float]:
         """Magnetic field here, metal included, in the base frame's x, y and z."""
         ...

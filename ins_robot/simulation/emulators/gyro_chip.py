@@ -104,6 +104,7 @@ class Mpu6050Emulator:
         per_dps = GYRO_LSB_PER_DPS[registers[GYRO_CONFIG] >> 3 & 0x03]
         per_g = ACCEL_LSB_PER_G[registers[ACCEL_CONFIG] >> 3 & 0x03]
         bx, by, bz = self.bias_dps
+        bz += self._motion.gyro_shift_dps(now_s)
         noise = self._noise_dps
         _DATA.pack_into(
             registers,

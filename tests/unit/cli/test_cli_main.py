@@ -16,12 +16,13 @@ import pytest
 
 import ins_robot
 from ins_robot.cli.commands.daemon import tell_left
-from ins_robot.cli.commands.simulate import describe, parse_start
+from ins_robot.cli.commands.simulate import describe, parse_fault, parse_start
 from ins_robot.cli.config_source import ENVIRONMENT_VARIABLE, find_config, load_config
 from ins_robot.cli.main import COMMANDS, main, with_values
 from ins_robot.config import Config, load, reference_toml
-from ins_robot.errors import DeviceError, RobotError
+from ins_robot.errors import DeviceError, InputError, RobotError
 from ins_robot.geometry.pose2 import Pose2
+from ins_robot.simulation.body_faults import BodyFault
 
 ISSUE_COMMANDS = {
     "daemon", "start", "stop", "pause", "resume", "estop", "clear", "status", "map", "next",
@@ -331,6 +332,23 @@ def test_a_start_may_lie_below_zero(
     out = {"simulate": "--out", "emulate": "--config-out"}[command]
     assert main([command, "rooms", out, "somewhere", *words]) == 0
     assert [parse_start(text) for text in seen] == [start]
+
+
+def test_faults_of_the_simulated_body_come_by_name_and_time() -> None:
+    assert parse_fault(["slip_burst", "30", "1.5"]) == (BodyFault.SLIP_BURST, 30.0, 1.5)
+    with pytest.raises(InputError, match="--fault hail: no such fault; there are") as refused:
+        parse_fault(["hail", "30", "1"])
+    assert all(name in str(refused.value) for name in BodyFault)
+    for times in (
+        ("-1", "1"),
+        ("1", "-1"),
+        ("nan", "1"),
+        ("1", "nan"),
+        ("1", "inf"),
+        ("", "1"),
+    ):
+        with pytest.raises(InputError, match="in seconds, 0 or more"):
+            parse_fault(["stuck", *times])
 
 
 SUMMARY = {
