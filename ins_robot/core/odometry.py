@@ -15,6 +15,7 @@ from enum import StrEnum
 
 from ins_robot.config import ImuConfig, KalmanConfig, WheelsConfig
 from ins_robot.control.kinematics import OmniKinematics
+from ins_robot.core.bias_watch import BiasWatch
 from ins_robot.core.gyro_integral import GyroIntegral
 from ins_robot.core.pose_history import EXTRAPOLATE_MAX_S, PoseHistory
 from ins_robot.estimation.kalman import CentralKalman, MotionNoise, State
@@ -37,6 +38,7 @@ REST_GYRO_RADPS = 0.05  # standing on resting wheels, yet turning faster: being 
 REST_STD_MPS = 2e-4
 REST_STD_RADPS = 2e-4
 BIAS_STD_MIN_RADPS = 2e-5
+BIAS_STEP_STD_RADPS = 5e-4  # of a step heard at rest
 STAMP_STEP_MIN_S = 1e-6  # frames read together may share a stamp
 LONG_REST_S = 60.0  # from then on the history keeps one pose a second
 
@@ -86,6 +88,8 @@ class Odometry:
         self._rest_counts = (0, 0, 0)
         self._rest_since_s = 0.0
         self._way_m = 0.0  # since the compass was last used
+        self._bias_watch = BiasWatch()
+        self._bias_doubts: list[tuple[float, float]] = []  # when heard; rad/s
         self._seen: Counter[tuple[str, str]] = Counter()
 
     @property
@@ -142,7 +146,11 @@ class Odometry:
 
     def increment(self, from_s: float, to_s: float) -> MotionIncrement:
         """Motion between two stamps, in the base frame at the first; see `PoseHistory`."""
-        return self._history.increment(from_s, to_s, self._twist, self.gyro_bias_std_radps**2)
+        bias_var = self.gyro_bias_std_radps**2
+        # when in between the bias stepped is not known: any of the way may be off by all of it
+        heard = (step_radps for at_s, step_radps in self._bias_doubts if from_s < at_s <= to_s)
+        bias_var += max(heard, key=abs, default=0.0) ** 2
+        return self._history.increment(from_s, to_s, self._twist, bias_var)
 
     def on_imu(self, sample: ImuSample) -> Verdict:
         """Take a gyro reading, and the field that may come with it."""
@@ -239,6 +247,7 @@ class Odometry:
             return Verdict.CALIBRATING
         vx, vy, omega = self._kinematics.twist_from_counts((a, b, c), dt_s)
         noise = self._noise(stamp_s, omega, gyro_radps)
+        self._watch_bias(stamp_s, dt_s, omega, gyro_radps, noise)
         self._kalman.predict(dt_s)
         is_plausible = self._kalman.update_wheels(vx, vy, omega, noise, gyro_radps)
         self._way_m += math.hypot(vx, vy) * dt_s
@@ -255,6 +264,29 @@ class Odometry:
             if not self._is_ready:
                 self._standstill.restart()
                 self._compass = CompassGate(self._imu_config)
+
+    def _watch_bias(
+        self,
+        stamp_s: float,
+        dt_s: float,
+        omega: float,
+        gyro_radps: float | None,
+        noise: MotionNoise,
+    ) -> None:
+        """Whether the bias has stepped by more than the filter can believe."""
+        if gyro_radps is None or self._is_slipping:
+            self._bias_watch.interrupted()
+            return
+        off_radps = gyro_radps - self.gyro_bias_radps
+        if not noise.is_at_rest:
+            step_radps = self._bias_watch.on_the_way(off_radps - omega, dt_s)
+        else:
+            step_radps = self._bias_watch.at_rest(off_radps, dt_s)
+            if step_radps is not None:
+                self._kalman.step_bias(step_radps, BIAS_STEP_STD_RADPS)
+                self._seen["bias", "stepped"] += 1
+        if step_radps is not None:
+            self._bias_doubts.append((stamp_s, step_radps))
 
     def _noise(self, stamp_s: float, omega: float, gyro_radps: float | None) -> MotionNoise:
         """How far this interval's wheels and gyro are to be believed."""

@@ -34,6 +34,13 @@ INLIER_SHARE_GOOD = 0.55
 INLIER_SHARE_SURE = 0.8  # where the robot may have turned to anywhere
 TURN_MARGIN = 5.0  # nats by which a far turn must be better than a near one
 INLIERS_MIN = 15
+# where a scan fits nowhere near the prior a gyro may have stepped: the heading is off, and so
+# is the way that was driven by it
+ASTRAY = np.diag([0.2**2, 0.2**2, math.radians(15.0) ** 2])
+INLIER_SHARE_ASTRAY = 0.7
+INLIER_SHARE_MORE = 0.1
+PULL_MAX = 4.0  # chi-squared; below 0.5 unless the prior is wrong
+INFORMATION_MIN = 10.0 * np.eye(3)  # along a corridor there is none
 SURPRISE_MAX = 36.0  # chi-squared of match against prior beyond which the odometry decides
 
 
@@ -55,13 +62,30 @@ class ParticleEstimator:
         scan, field = observation.surfels, observation.field
         if field is None or len(scan) == 0:
             return None
-        match = _match(scan, field, *self._filter.prior())
+        match, is_astray = self._match(scan, field)
         if match is None:
             return None
         known = scan.take(match.is_inlier)
         self._filter.weigh(match, lambda poses: log_likelihoods(field, known, poses))
         self._filter.resample_below(self._config.resample_below)
-        return Correction(match=match)
+        return Correction(match=match, is_astray=is_astray)
+
+    def _match(self, scan: Surfels, field: LikelihoodField) -> tuple[Alignment | None, bool]:
+        """Best alignment near the prior; or, true, far from it: the motion is doubted then.
+
+        Far from it where near none is good, or the scan pulls away, and much more of the scan
+        is on the map there.
+        """
+        mean, covariance = self._filter.prior()
+        near = _match(scan, field, mean, covariance)
+        if near is not None and _is_at_ease(near):
+            return near, False
+        far = _match(scan, field, mean, covariance + ASTRAY)
+        least = 0.0 if near is None else near.inlier_share + INLIER_SHARE_MORE
+        if far is None or far.inlier_share < max(least, INLIER_SHARE_ASTRAY):
+            return near, False
+        self._filter.doubt(ASTRAY)
+        return far, True
 
     def keep_node(self) -> None:
         """Nodes are left to the map."""
@@ -117,6 +141,13 @@ def _match(
     off = match.pose - prior
     off[2] = wrap_rad(float(off[2]))
     return match if float(off @ information @ off) < SURPRISE_MAX else None
+
+
+def _is_at_ease(match: Alignment) -> bool:
+    """Whether most of the scan is on the map, and does not pull away from the prior."""
+    pull = np.linalg.solve(match.information + INFORMATION_MIN, match.gradient)
+    is_pulled = float(match.gradient @ pull) > PULL_MAX
+    return match.inlier_share >= INLIER_SHARE_GOOD and not is_pulled
 
 
 def _searched(

@@ -88,6 +88,10 @@ class ParticleFilter:
         mean, covariance = _moments(self._moved, self._cloud.weights)
         return mean, covariance + self._motion_covariance * self._repeated
 
+    def doubt(self, covariance: FloatArray) -> None:
+        """The last motion may be off by so much more, (3, 3)."""
+        self._motion_covariance = self._motion_covariance + covariance
+
     def weigh(self, match: Alignment, log_likelihood: LogLikelihood) -> None:
         """Draw each particle from motion times match instead; weigh it by the scan itself."""
         motion_information = np.linalg.inv(self._motion_covariance * self._repeated)

@@ -56,9 +56,13 @@ class Observation:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Correction:
-    """A scan corrected the pose; `match` where it was laid on the map as a whole."""
+    """A scan corrected the pose; `match` where it was laid on the map as a whole.
+
+    `is_astray`: so far from where the motion had led that the motion is not to be trusted.
+    """
 
     match: Alignment | None = None
+    is_astray: bool = False
 
 
 class Estimator(Protocol):

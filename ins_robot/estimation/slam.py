@@ -87,6 +87,7 @@ class Slam:
         self.loop_closures = 0
         self.map_moves = 0  # how often the graph was relaxed
         self.is_located = False  # whether the last scan was laid on the map
+        self.was_astray = False  # and far from where the motion had led
 
     def step(
         self, scan: LaserScan, motion: MotionIncrement, keep: Keep = Keep.APART
@@ -99,6 +100,7 @@ class Slam:
         correction = self._correct(scan, thinned)
         match = None if correction is None else correction.match
         self.is_located = correction is not None
+        self.was_astray = correction is not None and correction.is_astray
         if correction is not None:
             self._wheel_scale.located(self._estimator.pose())
         if self._becomes_node(keep, match):

@@ -1,0 +1,67 @@
+# SPDX-License-Identifier: MIT
+"""Steps of the gyro's bias: a chip that is knocked or warmed reads a turn that is none.
+
+What the gyro reads beyond its bias goes in, at rest, and beyond the wheels, on the way. At rest
+a third of a second tells by how much the bias has stepped. Wheels slip, and tell no more than a
+suspicion: when seconds of driving differ more than they usually do.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+REST_S = 0.3
+STEP_MIN_RADPS = 0.005  # smaller ones are the filter's affair
+WAY_S = 3.0
+USUAL_MIN, USUAL_MAX = 8, 60  # so many means over WAY_S tell what is usual
+SUSPICIOUS_STDS = 2.5
+SUSPICIOUS_MIN_RADPS = 0.015
+
+
+class BiasWatch:
+    """Watches one gyro."""
+
+    def __init__(self) -> None:
+        self._rest, self._way = _Mean(), _Mean()
+        self._usual: deque[float] = deque(maxlen=USUAL_MAX)
+
+    def at_rest(self, off_radps: float, dt_s: float) -> float | None:
+        """Rad/s of a step; None: there was none, or too little has been heard to tell."""
+        self._way = _Mean()
+        mean_radps = self._rest.over(REST_S, off_radps, dt_s)
+        is_step = mean_radps is not None and abs(mean_radps) >= STEP_MIN_RADPS
+        return mean_radps if is_step else None
+
+    def on_the_way(self, off_radps: float, dt_s: float) -> float | None:
+        """Rad/s by which the bias may have stepped; None: no more than is usual."""
+        self._rest = _Mean()
+        mean_radps = self._way.over(WAY_S, off_radps, dt_s)
+        if mean_radps is None:
+            return None
+        usual_radps = math.sqrt(sum(mean**2 for mean in self._usual) / max(1, len(self._usual)))
+        is_known = len(self._usual) >= USUAL_MIN
+        self._usual.append(mean_radps)
+        least_radps = max(SUSPICIOUS_MIN_RADPS, SUSPICIOUS_STDS * usual_radps)
+        return mean_radps if is_known and abs(mean_radps) > least_radps else None
+
+    def interrupted(self) -> None:
+        """The wheels slip or the gyro is silent: nothing is to be held against anything."""
+        self._rest, self._way = _Mean(), _Mean()
+
+
+class _Mean:
+    """The mean of a rate over a time, again and again."""
+
+    def __init__(self) -> None:
+        self._angle_rad = self._time_s = 0.0
+
+    def over(self, time_s: float, rate_radps: float, dt_s: float) -> float | None:
+        """With one more interval; None before the time is full."""
+        self._angle_rad += rate_radps * dt_s
+        self._time_s += dt_s
+        if self._time_s < time_s:
+            return None
+        mean_radps = self._angle_rad / self._time_s
+        self._angle_rad = self._time_s = 0.0
+        return mean_radps
