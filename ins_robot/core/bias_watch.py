@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: MIT
 """Steps of the gyro's bias: a chip that is knocked or warmed reads a turn that is none.
 
-What the gyro reads beyond its bias goes in, at rest, and beyond the wheels, on the way. At rest
-a third of a second tells by how much the bias has stepped. Wheels slip, and tell no more than a
-suspicion: when seconds of driving differ more than they usually do.
+What the gyro reads goes in, at rest, and beyond the wheels, on the way. At rest two means that
+agree tell by how much the bias has stepped. Wheels slip, and tell no more than a suspicion,
+when seconds of driving differ more than they usually do.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import math
 from collections import deque
 
 REST_S = 0.3
-STEP_MIN_RADPS = 0.005  # smaller ones are the filter's affair
+STEP_MIN_RADPS = 0.002  # smaller ones are the filter's affair
 WAY_S = 3.0
 USUAL_MIN, USUAL_MAX = 8, 60  # so many means over WAY_S tell what is usual
 SUSPICIOUS_STDS = 2.5
@@ -23,19 +23,23 @@ class BiasWatch:
     """Watches one gyro."""
 
     def __init__(self) -> None:
-        self._rest, self._way = _Mean(), _Mean()
+        self._rest, self._rest_radps, self._way = _Mean(), math.inf, _Mean()
         self._usual: deque[float] = deque(maxlen=USUAL_MAX)
 
-    def at_rest(self, off_radps: float, dt_s: float) -> float | None:
+    def at_rest(self, gyro_radps: float, bias_radps: float, dt_s: float) -> float | None:
         """Rad/s of a step; None: there was none, or too little has been heard to tell."""
         self._way = _Mean()
-        mean_radps = self._rest.over(REST_S, off_radps, dt_s)
-        is_step = mean_radps is not None and abs(mean_radps) >= STEP_MIN_RADPS
-        return mean_radps if is_step else None
+        mean_radps = self._rest.over(REST_S, gyro_radps, dt_s)
+        if mean_radps is None:
+            return None
+        last_radps, self._rest_radps = self._rest_radps, mean_radps
+        is_settled = abs(mean_radps - last_radps) < STEP_MIN_RADPS
+        step_radps = mean_radps - bias_radps
+        return step_radps if is_settled and abs(step_radps) >= STEP_MIN_RADPS else None
 
     def on_the_way(self, off_radps: float, dt_s: float) -> float | None:
         """Rad/s by which the bias may have stepped; None: no more than is usual."""
-        self._rest = _Mean()
+        self._end_rest()
         mean_radps = self._way.over(WAY_S, off_radps, dt_s)
         if mean_radps is None:
             return None
@@ -47,7 +51,11 @@ class BiasWatch:
 
     def interrupted(self) -> None:
         """The wheels slip or the gyro is silent: nothing is to be held against anything."""
-        self._rest, self._way = _Mean(), _Mean()
+        self._way = _Mean()
+        self._end_rest()
+
+    def _end_rest(self) -> None:
+        self._rest, self._rest_radps = _Mean(), math.inf
 
 
 class _Mean:

@@ -277,11 +277,11 @@ class Odometry:
         if gyro_radps is None or self._is_slipping:
             self._bias_watch.interrupted()
             return
-        off_radps = gyro_radps - self.gyro_bias_radps
+        bias_radps = self.gyro_bias_radps
         if not noise.is_at_rest:
-            step_radps = self._bias_watch.on_the_way(off_radps - omega, dt_s)
+            step_radps = self._bias_watch.on_the_way(gyro_radps - bias_radps - omega, dt_s)
         else:
-            step_radps = self._bias_watch.at_rest(off_radps, dt_s)
+            step_radps = self._bias_watch.at_rest(gyro_radps, bias_radps, dt_s)
             if step_radps is not None:
                 self._kalman.step_bias(step_radps, BIAS_STEP_STD_RADPS)
                 self._seen["bias", "stepped"] += 1

@@ -185,13 +185,9 @@ class Mission(RunUnderWay):
                     f"motors: no telemetry for {MOTORS_GONE_S:g} s in a drive: cable, supply, "
                     "or the microcontroller's firmware? the wheels stand (its dead-man)"
                 )
-            if self._pauses_s:
-                self._pilot.halt()
-                return Following.BLOCKED
             driven_m = max(1e-3, self.core.path_length_m - begun_m)
-            if not arrival.done() and (
-                self._orders.are_waiting or self._why_home(goal, driven_m)
-            ):
+            is_stopped = self._orders.are_waiting or self._why_home(goal, driven_m)
+            if self._pauses_s or (is_stopped and not arrival.done()):
                 self._pilot.halt()
                 return Following.BLOCKED
             if not arrival.done() and self._wants_sweep():
@@ -242,8 +238,8 @@ class Mission(RunUnderWay):
         self._mind_the_wall()
         try:
             await self._sweep()
-            if self.core.survey.slam.was_astray:  # a gyro may have stepped: at rest that shows
-                self._stands_to_look = True
+            if self.core.survey.slam.was_astray:
+                self._stands_to_look = True  # the gyro may have stepped: at rest that shows
                 self._hold()
                 await asyncio.sleep(GYRO_REST_S)
         finally:

@@ -34,12 +34,11 @@ INLIER_SHARE_GOOD = 0.55
 INLIER_SHARE_SURE = 0.8  # where the robot may have turned to anywhere
 TURN_MARGIN = 5.0  # nats by which a far turn must be better than a near one
 INLIERS_MIN = 15
-# where a scan fits nowhere near the prior a gyro may have stepped: the heading is off, and so
-# is the way that was driven by it
+# when a gyro's bias has stepped the heading is off by this, and the way that was driven by it
 ASTRAY = np.diag([0.2**2, 0.2**2, math.radians(15.0) ** 2])
 INLIER_SHARE_ASTRAY = 0.7
-INLIER_SHARE_MORE = 0.1
-PULL_MAX = 4.0  # chi-squared; below 0.5 unless the prior is wrong
+INLIER_SHARE_MORE = 0.1  # than near the prior
+PULL_MAX = 4.0  # chi-squared of scan against match; below 0.5 unless the prior is wrong
 INFORMATION_MIN = 10.0 * np.eye(3)  # along a corridor there is none
 SURPRISE_MAX = 36.0  # chi-squared of match against prior beyond which the odometry decides
 
@@ -62,7 +61,7 @@ class ParticleEstimator:
         scan, field = observation.surfels, observation.field
         if field is None or len(scan) == 0:
             return None
-        match, is_astray = self._match(scan, field)
+        match, is_astray = self._lay(scan, field)
         if match is None:
             return None
         known = scan.take(match.is_inlier)
@@ -70,11 +69,11 @@ class ParticleEstimator:
         self._filter.resample_below(self._config.resample_below)
         return Correction(match=match, is_astray=is_astray)
 
-    def _match(self, scan: Surfels, field: LikelihoodField) -> tuple[Alignment | None, bool]:
-        """Best alignment near the prior; or, true, far from it: the motion is doubted then.
+    def _lay(self, scan: Surfels, field: LikelihoodField) -> tuple[Alignment | None, bool]:
+        """Where the scan fits, and whether that is astray: farther than the motion explains.
 
-        Far from it where near none is good, or the scan pulls away, and much more of the scan
-        is on the map there.
+        Looked for there when none near is good, or the scan pulls away from it; taken when more
+        of the scan is on the map there. The motion is doubted then.
         """
         mean, covariance = self._filter.prior()
         near = _match(scan, field, mean, covariance)

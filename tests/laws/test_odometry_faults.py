@@ -268,3 +268,49 @@ def test_compass_never_moves_the_position() -> None:
     stamps_s = np.arange(CALIBRATION_S, robot.now_s, TICK_S)
     steps = np.hypot(*np.diff(robot.odometry.poses_at(stamps_s)[:, :2], axis=0).T)
     assert steps.max() < 0.2 * TICK_S * 1.05
+
+
+def turning_and_driving(t_s: float) -> Velocity:
+    return 0.2 * min(t_s, 1.0), 0.0, 0.3 * math.sin(0.5 * t_s)
+
+
+@pytest.mark.parametrize("step_dps", [2.0, -1.0, 0.5])
+def test_a_step_of_the_bias_is_learnt_within_a_second_of_rest_and_doubted_back(
+    step_dps: float,
+) -> None:
+    """Nobody knows when on the way it stepped: all of the way may be off by all of it."""
+    robot = ready(gyro_std_radps=5e-4)
+    robot.drive(ahead, 3.0)
+    begun_s = robot.now_s
+    robot.bias_radps += math.radians(step_dps)
+    robot.drive(turning_and_driving, 6.0)
+    robot.drive(standing, 1.2)
+    assert robot.odometry.gyro_bias_radps == pytest.approx(robot.bias_radps, abs=1e-3)
+    assert robot.odometry.verdicts["bias.stepped"] == 1
+    off_rad = heading_off_rad(robot)
+    assert off_rad > math.radians(4.0 * abs(step_dps))
+    motion = robot.odometry.increment(begun_s, robot.now_s)
+    assert off_rad < 2.0 * math.sqrt(motion.covariance[2, 2])
+    later = robot.odometry.increment(robot.now_s - 0.1, robot.now_s)
+    assert math.sqrt(later.covariance[2, 2]) < math.radians(0.1)
+
+
+def test_the_gyro_is_suspected_on_the_way_when_it_leaves_the_wheels() -> None:
+    robot = ready(gyro_std_radps=5e-4, wheel_yaw_std_radps=0.01)
+    robot.drive(turning_and_driving, 40.0)
+    before = robot.odometry.increment(robot.now_s - 8.0, robot.now_s).covariance[2, 2]
+    robot.bias_radps += math.radians(2.0)
+    robot.drive(lambda t: turning_and_driving(t + 40.0), 8.0)
+    after = robot.odometry.increment(robot.now_s - 8.0, robot.now_s).covariance[2, 2]
+    assert math.sqrt(before) < math.radians(1.0)
+    assert heading_off_rad(robot) < 2.0 * math.sqrt(after)
+
+
+def test_a_small_wander_of_the_bias_is_no_step() -> None:
+    robot = ready(gyro_std_radps=5e-4)
+    for _ in range(5):
+        robot.bias_radps += math.radians(0.1)
+        robot.drive(ahead, 3.0)
+        robot.drive(standing, 3.0)
+    assert "bias.stepped" not in robot.odometry.verdicts
+    assert robot.odometry.gyro_bias_radps == pytest.approx(robot.bias_radps, abs=2e-3)

@@ -86,9 +86,6 @@ GYRO_STEP = _faults(("gyro_bias_step", 20, 30))
         pytest.param(
             [*SLIPS, *TURNED_COMPASS, *GYRO_STEP],
             id="and gyro",
-            marks=pytest.mark.xfail(
-                strict=True, reason="docs/results.md, Disturbances on purpose"
-            ),
         ),
     ],
 )

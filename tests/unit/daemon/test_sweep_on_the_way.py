@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: MIT
-"""Where the pose may have drifted by the clearance there is, a sweep is waited for standing."""
+"""On the way a sweep is waited for standing where the pose may have drifted by the clearance.
+
+And where it was far from where the motion had led, the robot stands to hear its gyro.
+"""
 
 from __future__ import annotations
 
@@ -8,13 +11,16 @@ from types import SimpleNamespace
 
 import pytest
 
+from ins_robot.daemon import mission as mission_module
 from ins_robot.daemon.mission import Mission
 
 
 class Sweeping(Mission):
     """A mission of which only the sweep on the way is there."""
 
-    def __init__(self, may_touch, meanwhile):
+    def __init__(self, may_touch, meanwhile, was_astray=False):
+        slam = SimpleNamespace(was_astray=was_astray)
+        self.core = SimpleNamespace(survey=SimpleNamespace(slam=slam))
         self._pilot = SimpleNamespace(is_held=False)
         self._go = asyncio.Event()
         self._go.set()
@@ -70,3 +76,19 @@ def test_resuming_in_between_does_not_end_the_look(may_touch):
         mission.resume()
 
     assert held(may_touch, paused_for_a_moment) == [may_touch, False]
+
+
+def test_after_a_scan_far_from_where_the_motion_led_it_stands_to_listen_to_its_gyro(
+    monkeypatch,
+):
+    monkeypatch.setattr(mission_module, "GYRO_REST_S", 0.05)
+
+    async def live():
+        mission = Sweeping(False, lambda mission: None, was_astray=True)
+        looking = asyncio.create_task(mission.look())
+        await asyncio.sleep(0.01)
+        is_held = mission._pilot.is_held
+        await looking
+        return is_held, mission._pilot.is_held
+
+    assert asyncio.run(live()) == (True, False)

@@ -147,3 +147,25 @@ def test_anchors_follow_the_corrections_of_their_nodes():
     assert len(told) == len(path)
     assert position_errors_m(np.array(told), estimates).max() < 0.05
     assert [a.stamp_s for a in slam.anchors] == sorted(a.stamp_s for a in slam.anchors)
+
+
+@pytest.mark.parametrize("turn_deg", [-30.0, -10.0, 10.0, 30.0])
+def test_a_scan_turned_far_beyond_what_the_motion_claims_is_placed_and_told(turn_deg):
+    """As after a step of the gyro's bias; the motion claims a heading good to 0.3 deg."""
+    slam = slam_with()
+    path = along_way_points([(0, 0), (2, 0)], 0.5)
+    drive(slam, ROOM, path, 1, motion={"std": (0.01, 0.01, 0.005)})
+    assert not slam.was_astray
+    claimed = {"std": (0.02, 0.02, math.radians(0.3)), "turn_bias_rad": math.radians(turn_deg)}
+    rng = np.random.default_rng(3)
+    there = np.array([2.5, 0.3, 0.4])
+    motion = motion_between(path[-1], there, rng, **claimed)
+    estimate = slam.step(scan_at(ROOM, there, rng, full_turn()), motion, Keep.ALWAYS)
+    off = np.array(estimate.pose.as_array() - there)
+    assert slam.was_astray
+    assert math.hypot(off[0], off[1]) < 0.05
+    assert abs(math.degrees(wrap_rad(off[2]))) < 1.5
+    slam.step(
+        scan_at(ROOM, there, rng, full_turn()), motion_between(there, there, rng), Keep.NEVER
+    )
+    assert not slam.was_astray
