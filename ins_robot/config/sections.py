@@ -243,9 +243,9 @@ class ExplorationConfig:
     """The INS: which gap next."""
 
     strategy: str = option(
-        "min-gap",
-        "narrowest gap of the cheapest node; widest; or back along the order of traversal; "
-        "the field's yardsticks; auto: most new ground for the way",
+        "auto",
+        "the paper's: narrowest gap of the cheapest node; widest; or back along the order of "
+        "traversal; the field's yardsticks; auto: most new ground for the way",
         choices=(
             "min-gap",
             "max-gap",

@@ -27,12 +27,12 @@ from ins_robot.logs.replay_journal import JournalOptions, replay_journal
 
 WORLDS = BUILT_IN
 VARIANTS: dict[str, tuple[str, ...]] = {
-    "min-gap": (),
+    "min-gap": ("exploration.strategy=min-gap",),
     "max-gap": ("exploration.strategy=max-gap",),
-    "360 deg": ("lrf.sector_deg=180",),
-    "continuous": ("lrf.power=continuous",),
+    "360 deg": ("exploration.strategy=min-gap", "lrf.sector_deg=180"),
+    "continuous": ("exploration.strategy=min-gap", "lrf.power=continuous"),
 }
-"""The first is the default configuration: the paper's choices."""
+"""The first makes the paper's choices."""
 COMMON = ("exploration.return_home=false",)  # the paper's run ends where the last gap was
 STRATEGIES = ("min-gap", "max-gap")
 RESAMPLES = 4000

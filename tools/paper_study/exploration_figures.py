@@ -19,11 +19,12 @@ from paper_study.recorded import Recorded, Step, finished, record, steps
 PANELS = 7
 FAR_BACK = 3  # nodes: going back so far is no mere turning around
 RADIUS_M = Config().robot.radius_m
+PAPER = ("exploration.strategy=min-gap",)
 
 
 def figure_5(out: Path) -> str:
     """The world and seven moments of a run in it."""
-    recorded = record(out, "figure5")
+    recorded = record(out, "figure5", 0, PAPER)
     world = World.builtin(recorded.world)
     start = world.start_pose(None, RADIUS_M)
     corners = drawing.world_points_m(world, start)
@@ -107,7 +108,7 @@ def _draw_step(ax: Axes, step: Step) -> None:
 
 def figure_9(out: Path) -> str:
     """The test environment and the map made of it."""
-    recorded = record(out, "office")
+    recorded = record(out, "office", 0, PAPER)
     world = World.builtin(recorded.world)
     start = world.start_pose(None, RADIUS_M)
     corners = drawing.world_points_m(world, start)

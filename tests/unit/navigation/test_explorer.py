@@ -66,10 +66,14 @@ def test_no_gap_stays_open_at_the_end(run):
     assert all(gap.why for _, gap in run.explorer.graph.gaps())
 
 
-def test_what_was_left_is_told_with_its_reason():
-    slit = plan(9, 5, (0.5, 0.5, 4, 4.5), (4, 2.4, 4.1, 2.6), (4.1, 0.5, 8.5, 4.5))
-    ended = explore(slit, 1.5, 2.2).decision
-    assert any(g.state == GapState.TOO_NARROW and "robot 0.40 m" in g.why for g in ended.left)
+@pytest.mark.parametrize(("strategy", "wide_m"), [("min-gap", 0.2), ("auto", 0.38)])
+def test_what_was_left_is_told_with_its_reason(strategy, wide_m):
+    """To `auto` a slit narrower than `frontier_min_m` is none."""
+    door = (4, 2.4, 4.1, 2.4 + wide_m)
+    slit = plan(9, 5, (0.5, 0.5, 4, 4.5), door, (4.1, 0.5, 8.5, 4.5))
+    ended = explore(slit, 1.5, 2.2, configured(strategy=strategy)).decision
+    told = [(left.state, left.why) for left in (*ended.left, *ended.unseen)]
+    assert any(state == GapState.TOO_NARROW and "robot 0.40 m" in why for state, why in told)
 
 
 def test_the_robot_arrives_facing_what_it_came_for():
