@@ -26,16 +26,14 @@ class BiasWatch:
         self._rest, self._rest_radps, self._way = _Mean(), math.inf, _Mean()
         self._usual: deque[float] = deque(maxlen=USUAL_MAX)
 
-    def at_rest(self, gyro_radps: float, bias_radps: float, dt_s: float) -> float | None:
-        """Rad/s of a step; None: there was none, or too little has been heard to tell."""
+    def at_rest(self, gyro_radps: float, dt_s: float) -> float | None:
+        """What the gyro reads, that is its bias; None: too little has been heard to tell."""
         self._way = _Mean()
         mean_radps = self._rest.over(REST_S, gyro_radps, dt_s)
         if mean_radps is None:
             return None
         last_radps, self._rest_radps = self._rest_radps, mean_radps
-        is_settled = abs(mean_radps - last_radps) < STEP_MIN_RADPS
-        step_radps = mean_radps - bias_radps
-        return step_radps if is_settled and abs(step_radps) >= STEP_MIN_RADPS else None
+        return mean_radps if abs(mean_radps - last_radps) < STEP_MIN_RADPS else None
 
     def on_the_way(self, off_radps: float, dt_s: float) -> float | None:
         """Rad/s by which the bias may have stepped; None: no more than is usual."""
@@ -45,9 +43,10 @@ class BiasWatch:
             return None
         usual_radps = math.sqrt(sum(mean**2 for mean in self._usual) / max(1, len(self._usual)))
         is_known = len(self._usual) >= USUAL_MIN
-        self._usual.append(mean_radps)
-        least_radps = max(SUSPICIOUS_MIN_RADPS, SUSPICIOUS_STDS * usual_radps)
-        return mean_radps if is_known and abs(mean_radps) > least_radps else None
+        most_radps = max(SUSPICIOUS_MIN_RADPS, SUSPICIOUS_STDS * usual_radps)
+        # what is suspicious becomes usual only slowly, should the floor have changed
+        self._usual.append(min(abs(mean_radps), most_radps))
+        return mean_radps if is_known and abs(mean_radps) > most_radps else None
 
     def interrupted(self) -> None:
         """The wheels slip or the gyro is silent: nothing is to be held against anything."""

@@ -10,14 +10,14 @@ still: then, as a zero-velocity update, what the gyro reads *is* its bias.
 from __future__ import annotations
 
 import math
-from collections import Counter
+from collections import Counter, deque
 from enum import StrEnum
 
 from ins_robot.config import ImuConfig, KalmanConfig, WheelsConfig
 from ins_robot.control.kinematics import OmniKinematics
-from ins_robot.core.bias_watch import BiasWatch
+from ins_robot.core.bias_watch import STEP_MIN_RADPS, BiasWatch
 from ins_robot.core.gyro_integral import GyroIntegral
-from ins_robot.core.pose_history import EXTRAPOLATE_MAX_S, PoseHistory
+from ins_robot.core.pose_history import EXTRAPOLATE_MAX_S, BiasDoubt, PoseHistory
 from ins_robot.estimation.kalman import CentralKalman, MotionNoise, State
 from ins_robot.geometry.angles import FloatArray, wrap_rad
 from ins_robot.geometry.pose2 import Pose2
@@ -38,7 +38,8 @@ REST_GYRO_RADPS = 0.05  # standing on resting wheels, yet turning faster: being 
 REST_STD_MPS = 2e-4
 REST_STD_RADPS = 2e-4
 BIAS_STD_MIN_RADPS = 2e-5
-BIAS_STEP_STD_RADPS = 5e-4  # of a step heard at rest
+BIAS_STEP_STD_RADPS = 5e-4  # of a bias heard at rest
+BIAS_DOUBTS_MAX = 256
 STAMP_STEP_MIN_S = 1e-6  # frames read together may share a stamp
 LONG_REST_S = 60.0  # from then on the history keeps one pose a second
 
@@ -89,7 +90,8 @@ class Odometry:
         self._rest_since_s = 0.0
         self._way_m = 0.0  # since the compass was last used
         self._bias_watch = BiasWatch()
-        self._bias_doubts: list[tuple[float, float]] = []  # when heard; rad/s
+        self._way_bias_radps = 0.0  # what was taken for the bias on the way
+        self._bias_doubts: deque[BiasDoubt] = deque(maxlen=BIAS_DOUBTS_MAX)
         self._seen: Counter[tuple[str, str]] = Counter()
 
     @property
@@ -146,11 +148,9 @@ class Odometry:
 
     def increment(self, from_s: float, to_s: float) -> MotionIncrement:
         """Motion between two stamps, in the base frame at the first; see `PoseHistory`."""
-        bias_var = self.gyro_bias_std_radps**2
-        # when in between the bias stepped is not known: any of the way may be off by all of it
-        heard = (step_radps for at_s, step_radps in self._bias_doubts if from_s < at_s <= to_s)
-        bias_var += max(heard, key=abs, default=0.0) ** 2
-        return self._history.increment(from_s, to_s, self._twist, bias_var)
+        doubts = [BiasDoubt(from_s, to_s, self.gyro_bias_std_radps)]
+        doubts += [doubt for doubt in self._bias_doubts if from_s < doubt.at_s <= to_s]
+        return self._history.increment(from_s, to_s, self._twist, doubts)
 
     def on_imu(self, sample: ImuSample) -> Verdict:
         """Take a gyro reading, and the field that may come with it."""
@@ -211,6 +211,7 @@ class Odometry:
             gyro_bias_radps=bias.bias_radps,
             gyro_bias_std_radps=max(bias.std_radps, BIAS_STD_MIN_RADPS),
         )
+        self._way_bias_radps = bias.bias_radps
         self._is_ready = True
 
     def _refer_to(self, sample: WheelSample, gap_s: float) -> Verdict:
@@ -273,20 +274,29 @@ class Odometry:
         gyro_radps: float | None,
         noise: MotionNoise,
     ) -> None:
-        """Whether the bias has stepped by more than the filter can believe."""
+        """Whether the bias has stepped by more than the filter can believe.
+
+        When on the way it did is not known: any of it may be off by all of the step.
+        """
         if gyro_radps is None or self._is_slipping:
             self._bias_watch.interrupted()
-            return
-        bias_radps = self.gyro_bias_radps
-        if not noise.is_at_rest:
-            step_radps = self._bias_watch.on_the_way(gyro_radps - bias_radps - omega, dt_s)
+        elif not noise.is_at_rest:
+            self._way_bias_radps = self.gyro_bias_radps
+            off_radps = gyro_radps - self._way_bias_radps - omega
+            suspected_radps = self._bias_watch.on_the_way(off_radps, dt_s)
+            if suspected_radps is not None:
+                self._bias_doubts.append(BiasDoubt(stamp_s, math.inf, abs(suspected_radps)))
         else:
-            step_radps = self._bias_watch.at_rest(gyro_radps, bias_radps, dt_s)
-            if step_radps is not None:
-                self._kalman.step_bias(step_radps, BIAS_STEP_STD_RADPS)
+            heard_radps = self._bias_watch.at_rest(gyro_radps, dt_s)
+            if heard_radps is None:
+                return
+            off_radps = heard_radps - self._way_bias_radps
+            if abs(off_radps) >= STEP_MIN_RADPS:
+                self._kalman.set_bias(heard_radps, BIAS_STEP_STD_RADPS)
+                since_s = self._rest_since_s
+                self._bias_doubts.append(BiasDoubt(since_s, since_s, abs(off_radps)))
+                self._way_bias_radps = heard_radps
                 self._seen["bias", "stepped"] += 1
-        if step_radps is not None:
-            self._bias_doubts.append((stamp_s, step_radps))
 
     def _noise(self, stamp_s: float, omega: float, gyro_radps: float | None) -> MotionNoise:
         """How far this interval's wheels and gyro are to be believed."""

@@ -10,6 +10,8 @@ stamps costs two look-ups, however long the way.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -33,6 +35,14 @@ class Row:
 
     POSE = slice(0, 3)
     SIZE = 13
+
+
+class BiasDoubt(NamedTuple):
+    """On ways that lead past `at_s` the gyro's bias may be off, up to `until_s`."""
+
+    at_s: float
+    until_s: float
+    std_radps: float
 
 
 class PoseHistory:
@@ -102,9 +112,14 @@ class PoseHistory:
         return poses
 
     def increment(
-        self, from_s: float, to_s: float, twist: VelocityCommand, gyro_bias_var: float
+        self, from_s: float, to_s: float, twist: VelocityCommand, doubts: Sequence[BiasDoubt]
     ) -> MotionIncrement:
         """Motion between two stamps with the covariance of what was added between them.
+
+        Parameters
+        ----------
+        doubts : sequence of BiasDoubt
+            Of the gyro's bias; each error is one number for all of its way.
 
         Raises
         ------
@@ -112,10 +127,9 @@ class PoseHistory:
             When `from_s` is older than the history, or later than `to_s`.
         """
         self._check(from_s, to_s)
-        v = gyro_bias_var
         start, *sums_before = self._row_at(from_s, twist)
         end, *sums_after = self._row_at(to_s, twist)
-        s, w, wx, wy, wxx, wxy, wyy, t, tx, ty = (
+        s, w, wx, wy, wxx, wxy, wyy, *_ = (
             after - before for before, after in zip(sums_before, sums_after, strict=True)
         )
         # Sums are taken about the origin of odom; x, y: the end of the way. Lever turned by 90
@@ -125,10 +139,13 @@ class PoseHistory:
         yy = s + w * x * x - 2.0 * x * wx + wxx
         xy = x * wy + y * wx - w * x * y - wxy
         xh, yh = wy - w * y, w * x - wx
-        # The bias error is one number for the whole way: its effects add up before squaring.
-        bx, by = ty - t * y, t * x - tx
-        xx, yy, xy = xx + v * bx * bx, yy + v * by * by, xy + v * bx * by
-        xh, yh, hh = xh + v * bx * t, yh + v * by * t, w + v * t * t
+        hh = w
+        for doubt in doubts:
+            t, tx, ty = self._gyro_times(sums_before, min(doubt.until_s, to_s), twist)
+            # one number: its effects add up before squaring
+            v, bx, by = doubt.std_radps**2, ty - t * y, t * x - tx
+            xx, yy, xy = xx + v * bx * bx, yy + v * by * by, xy + v * bx * by
+            xh, yh, hh = xh + v * bx * t, yh + v * by * t, hh + v * t * t
         # From odom's axes into those of the base at the start.
         c, d = math.cos(start.heading_rad), math.sin(start.heading_rad)
         cross = c * d * (yy - xx) + (c * c - d * d) * xy
@@ -147,6 +164,15 @@ class PoseHistory:
             covariance=covariance,
             repeated=REPEATED,
         )
+
+    def _gyro_times(
+        self, sums_before: list[float], until_s: float, twist: VelocityCommand
+    ) -> list[float]:
+        """Time driven by the gyro since some sums, and its moments in x and y."""
+        _, *sums = self._row_at(until_s, twist)
+        return [
+            after - before for before, after in zip(sums_before[-3:], sums[-3:], strict=True)
+        ]
 
     def _thin(self) -> None:
         """Of the older half keep every other row, the first one always."""

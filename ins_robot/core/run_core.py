@@ -211,7 +211,7 @@ class RunCore:
             estimate = self.survey.scan_on_the_way(job.scan, job.motion)
         else:
             estimate, decision = self.survey.scan_at_node(job.scan, job.motion, job.sector)
-        if slam.map_moves != map_moves:
+        if slam.map_moves != map_moves or slam.was_astray:
             self.drift.interrupted(job.at_m)
         elif slam.is_located:
             self.drift.located(expected.distance_m(estimate.pose), job.at_m)

@@ -39,7 +39,7 @@ DRIFT_MAX = 0.15  # ... up to this: a robot that is pushed about need not creep
 TIGHT_M = 0.008  # what counts as clearance in the tightest place
 MOTORS_GONE_S = 10.0  # without telemetry for so long a drive has ended, badly
 RUN_ENDED = "goto: the run has ended; ask again"
-GYRO_REST_S = 1.5  # to stop, be known to stand, and hear what the gyro reads then
+GYRO_REST_S = 2.2  # to stop, be known to stand, and hear what the gyro reads then
 SETTLE_S = 0.2  # from the last command to standing still
 
 
@@ -238,7 +238,7 @@ class Mission(RunUnderWay):
         self._mind_the_wall()
         try:
             await self._sweep()
-            if self.core.survey.slam.was_astray:
+            if self.core.survey.slam.was_astray and not self._pauses_s:
                 self._stands_to_look = True  # the gyro may have stepped: at rest that shows
                 self._hold()
                 await asyncio.sleep(GYRO_REST_S)

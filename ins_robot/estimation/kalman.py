@@ -221,11 +221,11 @@ class CentralKalman:
         ekf.P = I_KH @ P @ I_KH.T + np.outer(K, K) * variance
         self._settle()
 
-    def step_bias(self, by_radps: float, std_radps: float) -> None:
+    def set_bias(self, bias_radps: float, std_radps: float) -> None:
         """The gyro's bias has stepped: what it was says nothing about what it is."""
         ekf = self._ekf
         ekf.x = ekf.x.copy()
-        ekf.x[State.GYRO_BIAS] += by_radps
+        ekf.x[State.GYRO_BIAS] = bias_radps
         ekf.P[State.GYRO_BIAS, :] = ekf.P[:, State.GYRO_BIAS] = 0.0
         ekf.P[State.GYRO_BIAS, State.GYRO_BIAS] = std_radps**2
 

@@ -38,6 +38,8 @@ INLIERS_MIN = 15
 ASTRAY = np.diag([0.2**2, 0.2**2, math.radians(15.0) ** 2])
 INLIER_SHARE_ASTRAY = 0.7
 INLIER_SHARE_MORE = 0.1  # than near the prior
+ASTRAY_INLIERS_MIN = 60
+ASTRAY_STD_M = 0.03
 PULL_MAX = 4.0  # chi-squared of scan against match; below 0.5 unless the prior is wrong
 INFORMATION_MIN = 10.0 * np.eye(3)  # along a corridor there is none
 SURPRISE_MAX = 36.0  # chi-squared of match against prior beyond which the odometry decides
@@ -61,30 +63,33 @@ class ParticleEstimator:
         scan, field = observation.surfels, observation.field
         if field is None or len(scan) == 0:
             return None
-        match, is_astray = self._lay(scan, field)
+        match, doubt = self._lay(scan, field)
         if match is None:
             return None
         known = scan.take(match.is_inlier)
         self._filter.weigh(match, lambda poses: log_likelihoods(field, known, poses))
         self._filter.resample_below(self._config.resample_below)
-        return Correction(match=match, is_astray=is_astray)
+        return Correction(match=match, doubt=doubt)
 
-    def _lay(self, scan: Surfels, field: LikelihoodField) -> tuple[Alignment | None, bool]:
-        """Where the scan fits, and whether that is astray: farther than the motion explains.
+    def _lay(
+        self, scan: Surfels, field: LikelihoodField
+    ) -> tuple[Alignment | None, FloatArray | None]:
+        """Where the scan fits; and by how much the motion is to be doubted for that, if at all.
 
-        Looked for there when none near is good, or the scan pulls away from it; taken when more
-        of the scan is on the map there. The motion is doubted then.
+        Astray, farther than the motion explains, is looked when no place near is good, or the
+        scan pulls away from it; taken is a place where more of the scan is on the map, and that
+        the scan tells in all directions: one wall fits another one anywhere.
         """
         mean, covariance = self._filter.prior()
         near = _match(scan, field, mean, covariance)
         if near is not None and _is_at_ease(near):
-            return near, False
+            return near, None
         far = _match(scan, field, mean, covariance + ASTRAY)
         least = 0.0 if near is None else near.inlier_share + INLIER_SHARE_MORE
-        if far is None or far.inlier_share < max(least, INLIER_SHARE_ASTRAY):
-            return near, False
+        if far is None or far.inlier_share < least or not _is_sure(far):
+            return near, None
         self._filter.doubt(ASTRAY)
-        return far, True
+        return far, ASTRAY
 
     def keep_node(self) -> None:
         """Nodes are left to the map."""
@@ -147,6 +152,13 @@ def _is_at_ease(match: Alignment) -> bool:
     pull = np.linalg.solve(match.information + INFORMATION_MIN, match.gradient)
     is_pulled = float(match.gradient @ pull) > PULL_MAX
     return match.inlier_share >= INLIER_SHARE_GOOD and not is_pulled
+
+
+def _is_sure(match: Alignment) -> bool:
+    """Whether a place is told by the scan alone."""
+    least = float(np.linalg.eigvalsh(match.information[:2, :2])[0])
+    is_held = least * ASTRAY_STD_M**2 >= 1.0 and match.inliers >= ASTRAY_INLIERS_MIN
+    return is_held and match.inlier_share >= INLIER_SHARE_ASTRAY
 
 
 def _searched(

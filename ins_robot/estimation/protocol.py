@@ -58,11 +58,12 @@ class Observation:
 class Correction:
     """A scan corrected the pose; `match` where it was laid on the map as a whole.
 
-    `is_astray`: so far from where the motion had led that the motion is not to be trusted.
+    `doubt` (3, 3): so far from where the motion had led that this has to be added to its
+    covariance; None: as the motion claims.
     """
 
     match: Alignment | None = None
-    is_astray: bool = False
+    doubt: FloatArray | None = None
 
 
 class Estimator(Protocol):

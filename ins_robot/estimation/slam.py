@@ -100,7 +100,10 @@ class Slam:
         correction = self._correct(scan, thinned)
         match = None if correction is None else correction.match
         self.is_located = correction is not None
-        self.was_astray = correction is not None and correction.is_astray
+        doubt = None if correction is None else correction.doubt
+        self.was_astray = doubt is not None
+        if doubt is not None:
+            self._distrust(doubt)
         if correction is not None:
             self._wheel_scale.located(self._estimator.pose())
         if self._becomes_node(keep, match):
@@ -230,6 +233,13 @@ class Slam:
         self._since_node = (
             motion if self._since_node is None else chain(self._since_node, motion)
         )
+
+    def _distrust(self, doubt: FloatArray) -> None:
+        """The motion since the last node is known so much, (3, 3), less well than it claims."""
+        self._wheel_scale.interrupt()
+        since = self._since_node
+        if since is not None:
+            self._since_node = replace(since, covariance=since.covariance + doubt)
 
     def _surfels(self, scan: LaserScan) -> Surfels:
         bearing_std_rad = math.radians(self._config.bearing_std_deg)

@@ -111,15 +111,19 @@ def test_a_door_that_closes_for_good_is_told():
     assert story.scans < 20
 
 
-def test_a_door_that_closes_behind_the_robot_leaves_it_where_it_is_and_says_so():
+@pytest.mark.parametrize(("strategy", "past_m"), [("min-gap", 4.0), ("auto", 3.8)])
+def test_a_door_that_closes_behind_the_robot_leaves_it_where_it_is_and_says_so(
+    strategy, past_m
+):
+    """`auto` looks into the room from just behind its door."""
     start = Pose2(1.0, 2.5, 0.0)
     shut = with_box(TWO_ROOMS, 3.5, 1.9, 3.6, 3.0)
 
     def close(story):
         at = story.robot.start @ story.robot.pose
-        return shut if at.x_m > 4.0 else None
+        return shut if at.x_m > past_m else None
 
-    story = tell(TWO_ROOMS, start, change=close)
+    story = tell(TWO_ROOMS, start, configured(strategy=strategy), change=close)
     assert "home" in story.decision.reason
     assert "out of reach" in story.decision.reason or "not reached" in story.decision.reason
     assert story.robot.contacts == 0
@@ -144,7 +148,8 @@ def test_deciding_again_on_the_way_keeps_the_goal():
     hall = plan(21, 2.5, (0.5, 0.5, 20.5, 2.0))
     story = tell(hall, Pose2(10.5, 1.25, 0.0), configured(max_scans=1, return_home=False))
     explorer, grid = story.explorer, story.grid
-    explorer = Explorer(Config().exploration, Config().robot, Config().lrf)
+    config = configured(strategy="min-gap")  # at its aim `auto` is where it can see from
+    explorer = Explorer(config.exploration, config.robot, config.lrf)
     scan = story.robot.scan(np.pi)
     explorer.observe(0, 0.0, Pose2(), scan, (0.0, math.pi))
     pose, places = Pose2(), []
@@ -263,18 +268,19 @@ def test_home_with_all_explored_looks_again_but_not_when_its_time_is_up():
         assert way.looks_again(Pose2()) is not is_final
 
 
-def test_a_robot_whose_lrf_is_covered_stays_where_it_is_and_says_so():
+@pytest.mark.parametrize(("strategy", "past_m"), [("min-gap", 4.0), ("auto", 3.0)])
+def test_a_robot_whose_lrf_is_covered_stays_where_it_is_and_says_so(strategy, past_m):
     """Not even home: nobody would see what has come into the way."""
     start, scans_before = Pose2(1.5, 2.5, 0.0), []
 
     def cover(story):
         robot = story.robot
-        if (robot.start @ robot.pose).x_m > 4.0 and not scans_before:
+        if (robot.start @ robot.pose).x_m > past_m and not scans_before:
             see = robot.scan
             robot.scan = lambda half_rad: without_readings(see(half_rad))
             scans_before.append(story.scans)
 
-    story = tell(TWO_ROOMS, start, change=cover)
+    story = tell(TWO_ROOMS, start, configured(strategy=strategy), change=cover)
     assert "is the LRF covered?" in story.decision.reason
     assert not story.decision.is_complete
     assert story.robot.pose.distance_m(Pose2()) > 1.0

@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from exploring import FULL, RADIUS_M, Config, explore, plan, robot_at, rules
+from exploring import FULL, RADIUS_M, Config, configured, explore, plan, robot_at, rules
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -104,7 +104,7 @@ def test_a_turned_world_is_explored_as_well(quarter_turns):
     runs = []
     for walls, place in ((FLAT.is_occupied, (2.5, 2.6)), (turned, (x, y))):
         world = World(walls, 0.05)
-        run = explore(world, *place, Config())
+        run = explore(world, *place, configured(strategy="min-gap"))
         visible = visible_cells(world, Pose2(*place, 0.0), RADIUS_M, 6.0)
         assert coverage(run.robot.seen.is_seen(), visible) >= 0.99
         assert run.robot.contacts == 0

@@ -309,7 +309,7 @@ def test_the_gyro_is_suspected_on_the_way_when_it_leaves_the_wheels() -> None:
 def test_a_small_wander_of_the_bias_is_no_step() -> None:
     robot = ready(gyro_std_radps=5e-4)
     for _ in range(5):
-        robot.bias_radps += math.radians(0.1)
+        robot.bias_radps += math.radians(0.02)
         robot.drive(ahead, 3.0)
         robot.drive(standing, 3.0)
     assert "bias.stepped" not in robot.odometry.verdicts

@@ -22,6 +22,7 @@ class Slam:
     def __init__(self):
         self.map_moves, self.is_located, self.moves = 0, True, False
         self.off_m, self.last_m = 0.0, 0.0
+        self.was_astray = False
 
     def scan_on_the_way(self, scan, motion):
         self.map_moves += self.moves
@@ -51,6 +52,12 @@ def look(core, count=1):
                 sector=None,
             )
         )
+
+
+def test_a_scan_that_doubts_the_gyro_tells_nothing_of_the_floor(core):
+    core.survey.slam.off_m, core.survey.slam.was_astray = 0.04, True
+    look(core, LOOKS_MIN)
+    assert core.drift.per_m == 0.0
 
 
 def test_drift_is_what_scans_correct_for_the_way(core):

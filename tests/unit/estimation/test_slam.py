@@ -169,3 +169,20 @@ def test_a_scan_turned_far_beyond_what_the_motion_claims_is_placed_and_told(turn
         scan_at(ROOM, there, rng, full_turn()), motion_between(there, there, rng), Keep.NEVER
     )
     assert not slam.was_astray
+
+
+@pytest.mark.parametrize("set_back_m", [0.5, 0.6])
+def test_one_wall_fits_another_anywhere_and_does_not_overrule_the_motion(set_back_m):
+    """A recess that is not on the map yet does not tell that the robot is elsewhere."""
+    slam = slam_with()
+    wall = np.array([(-4.0, 2.0, 4.0, 2.0)])
+    drive(slam, wall, along_way_points([(0, 0), (0.5, 0)], 0.5), 1)
+    recess = np.array([(0.2, 2.0 + set_back_m, 1.8, 2.0 + set_back_m)])
+    before, there = np.array([0.5, 0.0, 0.0]), np.array([1.0, 0.0, 0.0])
+    rng = np.random.default_rng(2)
+    motion = motion_between(before, there, rng, std=(0.02, 0.02, math.radians(0.3)))
+    estimate = slam.step(scan_at(recess, there, rng, full_turn()), motion, Keep.ALWAYS)
+    assert not slam.was_astray
+    off = np.array(estimate.pose.as_array() - there)
+    assert np.abs(off[:2]).max() < 0.1
+    assert abs(off[2]) < math.radians(2.0)
