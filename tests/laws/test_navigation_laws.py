@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from exploring import FULL, RADIUS_M, Config, configured, explore, plan, robot_at, rules
+from exploring import FULL, RADIUS_M, configured, explore, plan, robot_at, rules
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
