@@ -40,7 +40,7 @@ INLIER_SHARE_ASTRAY = 0.7
 INLIER_SHARE_MORE = 0.1  # than near the prior
 ASTRAY_INLIERS_MIN = 60
 ASTRAY_STD_M = 0.03
-PULL_MAX = 4.0  # chi-squared of scan against match; below 0.5 unless the prior is wrong
+PULL_MAX = 1.0  # chi-squared of scan against match; below 0.5 unless the prior is wrong
 INFORMATION_MIN = 10.0 * np.eye(3)  # along a corridor there is none
 SURPRISE_MAX = 36.0  # chi-squared of match against prior beyond which the odometry decides
 
