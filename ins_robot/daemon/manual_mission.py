@@ -24,6 +24,7 @@ from ins_robot.geometry.pose2 import Pose2
 from ins_robot.logs.journal import Journal
 from ins_robot.navigation.decisions import NO_GAP
 from ins_robot.navigation.explorer import Drive
+from ins_robot.navigation.gap_ledger import FAILURES_MAX
 from ins_robot.navigation.retreat import Retreat
 
 log = logging.getLogger(__name__)
@@ -105,10 +106,16 @@ class ManualMission(RunUnderWay):
         self._take(outcome.decision)
 
     async def _give_up(self) -> None:
-        assert self.goal is not None
+        """Another place: one that is named a second time is given up a second time."""
+        refused = self.goal
         pose, why = self.core.pose, "a person cannot get there"
-        self._mark("give_up", why=why, pose=[pose.x_m, pose.y_m, pose.heading_rad])
-        self._take(await self._in_worker(self.core.give_up, self.goal, why, pose))
+        for _ in range(FAILURES_MAX):
+            assert refused is not None
+            self._mark("give_up", why=why, pose=[pose.x_m, pose.y_m, pose.heading_rad])
+            self._take(await self._in_worker(self.core.give_up, self.goal, why, pose))
+            goal = self.goal
+            if goal is None or goal.gap_id == NO_GAP or goal.place != refused.place:
+                return
 
     def _take(self, decision: Decision) -> None:
         self._retreat = None
