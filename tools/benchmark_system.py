@@ -23,6 +23,8 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
+from ins_robot.cli.commands.simulate import add_fault_argument
+
 BUILT_IN = ("open_room", "rooms", "corridor_loop", "clutter", "office")
 COLUMNS = {
     "state": "{}",
@@ -58,15 +60,7 @@ def main() -> int:
     )
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--set", dest="overrides", action="append", default=[])
-    parser.add_argument(
-        "--fault",
-        dest="faults",
-        nargs=3,
-        metavar=("NAME", "FROM_S", "DURATION_S"),
-        action="append",
-        default=[],
-        help="passed on to each `simulate` (repeatable)",
-    )
+    add_fault_argument(parser)
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
     args = parser.parse_args()
     jobs = list_jobs(args)

@@ -46,16 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=Path,
         help="no-go zones and virtual walls, as `zones list --json` prints them",
     )
-    parser.add_argument(
-        "--fault",
-        dest="faults",
-        nargs=3,
-        metavar=("NAME", "FROM_S", "DURATION_S"),
-        action="append",
-        default=[],
-        help="let something go wrong for a while, in seconds since switching on, "
-        "e.g. --fault slip_burst 30 1 (repeatable); an unknown NAME lists them all",
-    )
+    add_fault_argument(parser)
     parser.add_argument("--json", action="store_true", help="print summary.json on stdout")
     add_set_argument(parser)
     add_config_argument(parser)
@@ -202,6 +193,20 @@ def parse_start(text: str | None) -> Pose2 | None:
     if len(values) not in (XY, XYDEG) or not all(abs(v) < float("inf") for v in values):
         raise InputError(f"--start {text}: expected X,Y or X,Y,DEG in metres and degrees")
     return Pose2(values[0], values[1], math.radians(values[2]) if len(values) == XYDEG else 0.0)
+
+
+def add_fault_argument(parser: argparse.ArgumentParser) -> None:
+    """Add `--fault NAME FROM_S DURATION_S`, the words of each in `faults`."""
+    parser.add_argument(
+        "--fault",
+        dest="faults",
+        nargs=3,
+        metavar=("NAME", "FROM_S", "DURATION_S"),
+        action="append",
+        default=[],
+        help="let something go wrong for a while, in seconds since switching on, "
+        "e.g. --fault slip_burst 30 1 (repeatable); an unknown NAME lists them all",
+    )
 
 
 def parse_fault(words: list[str]) -> tuple[BodyFault, float, float]:
