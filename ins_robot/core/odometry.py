@@ -90,7 +90,7 @@ class Odometry:
         self._rest_since_s = 0.0
         self._way_m = 0.0  # since the compass was last used
         self._bias_watch = BiasWatch()
-        self._way_bias_radps = 0.0  # what was taken for the bias on the way
+        self._last_bias_radps = 0.0  # what was last taken for the bias
         self._bias_doubts: deque[BiasDoubt] = deque(maxlen=BIAS_DOUBTS_MAX)
         self._seen: Counter[tuple[str, str]] = Counter()
 
@@ -211,7 +211,7 @@ class Odometry:
             gyro_bias_radps=bias.bias_radps,
             gyro_bias_std_radps=max(bias.std_radps, BIAS_STD_MIN_RADPS),
         )
-        self._way_bias_radps = bias.bias_radps
+        self._last_bias_radps = bias.bias_radps
         self._is_ready = True
 
     def _refer_to(self, sample: WheelSample, gap_s: float) -> Verdict:
@@ -281,8 +281,8 @@ class Odometry:
         if gyro_radps is None or self._is_slipping:
             self._bias_watch.interrupted()
         elif not noise.is_at_rest:
-            self._way_bias_radps = self.gyro_bias_radps
-            off_radps = gyro_radps - self._way_bias_radps - omega
+            self._last_bias_radps = self.gyro_bias_radps
+            off_radps = gyro_radps - self._last_bias_radps - omega
             suspected_radps = self._bias_watch.on_the_way(off_radps, dt_s)
             if suspected_radps is not None:
                 self._bias_doubts.append(BiasDoubt(stamp_s, math.inf, abs(suspected_radps)))
@@ -290,12 +290,13 @@ class Odometry:
             heard_radps = self._bias_watch.at_rest(gyro_radps, dt_s)
             if heard_radps is None:
                 return
-            off_radps = heard_radps - self._way_bias_radps
+            # the first of a rest against the way, later ones against the last: no slow drift
+            off_radps = heard_radps - self._last_bias_radps
+            self._last_bias_radps = heard_radps
             if abs(off_radps) >= STEP_MIN_RADPS:
                 self._kalman.set_bias(heard_radps, BIAS_STEP_STD_RADPS)
                 since_s = self._rest_since_s
                 self._bias_doubts.append(BiasDoubt(since_s, since_s, abs(off_radps)))
-                self._way_bias_radps = heard_radps
                 self._seen["bias", "stepped"] += 1
 
     def _noise(self, stamp_s: float, omega: float, gyro_radps: float | None) -> MotionNoise:

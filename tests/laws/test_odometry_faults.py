@@ -314,3 +314,14 @@ def test_a_small_wander_of_the_bias_is_no_step() -> None:
         robot.drive(standing, 3.0)
     assert "bias.stepped" not in robot.odometry.verdicts
     assert robot.odometry.gyro_bias_radps == pytest.approx(robot.bias_radps, abs=2e-3)
+
+
+def test_a_bias_that_drifts_through_a_long_rest_is_no_step() -> None:
+    robot = ready(gyro_std_radps=5e-4)
+    robot.drive(ahead, 3.0)
+    for _ in range(40):
+        robot.bias_radps += 1e-4
+        robot.drive(standing, 1.0)
+    assert "bias.stepped" not in robot.odometry.verdicts
+    motion = robot.odometry.increment(robot.now_s - 42.0, robot.now_s)
+    assert math.sqrt(motion.covariance[2, 2]) < math.radians(0.2)
