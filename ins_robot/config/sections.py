@@ -324,6 +324,9 @@ class SlamConfig:
     wall_directions: bool = option(
         True, "particle: most walls run along few directions, which hold the heading"
     )
+    joint_alignment: bool = option(
+        True, "particle: at the end of a run all scans are laid on one another at once"
+    )
     sweep_std_m: float = option(
         0.06, "on_demand: pose uncertainty past which a sweep is taken on the way", above=0.0
     )

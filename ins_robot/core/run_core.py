@@ -267,6 +267,18 @@ class RunCore:
 
     # What comes out at the end.
 
+    def settle(self) -> None:
+        """The recording has ended: the map once more, from all scans at once; in the worker.
+
+        The robot goes with the map; between runs it still has to know where it is.
+        """
+        slam = self.survey.slam
+        map_moves, before = slam.map_moves, slam.pose
+        self.survey.settle()
+        if slam.map_moves != map_moves:
+            self.drift.interrupted(self._told_at_m)
+            self.map_from_odom = slam.pose @ before.inverse() @ self.map_from_odom
+
     def corrected_trajectory(self) -> tuple[FloatArray, FloatArray]:
         """Stamps (N,) and map_from_base poses (N, 3), corrections applied to the whole past."""
         nodes = self.survey.slam.nodes

@@ -60,6 +60,7 @@ class Survey:
         self.grid: OccupancyGrid = self.slam.grid
         self.slam_ms: list[float] = []
         self.ins_ms = 0.0
+        self.settle_ms = 0.0
         self._timer_s = timer_s
         self._surveyed: list[int] = []  # SLAM's node behind each of the explorer's
         self._goal: Drive | None = None
@@ -125,6 +126,14 @@ class Survey:
         """Explore no more: home, or finished."""
         self._follow_corrections()
         return self._note(self.explorer.end(why, pose, self.grid))
+
+    def settle(self) -> None:
+        """No more scans come: the map as all of them together tell it."""
+        begun_s = self._timer_s()
+        self.slam.settle()
+        self.grid = self.slam.grid
+        self._follow_corrections()
+        self.settle_ms = 1e3 * (self._timer_s() - begun_s)
 
     def obstacles(self, pose: Pose2) -> cKDTree:
         """Points (N, 2) on all that a body at `pose` must not touch, fences included."""

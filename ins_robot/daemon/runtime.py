@@ -259,6 +259,7 @@ class Robot:
             mission.close_journal()
         except RobotError as error:
             log.error("the end of the recording is lost: %s", error)  # the map need not be
+        mission.core.settle()
         return write_run(directory, self._annotate(self._result(mission)), self._draw)
 
     def _tell_unsaved(self, mission: RunUnderWay, error: RobotError) -> None:

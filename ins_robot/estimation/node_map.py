@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ins_robot.estimation.growing_rows import GrowingRows
-from ins_robot.estimation.pose_graph import PoseGraph, heading_rotation
+from ins_robot.estimation.pose_graph import PoseGraph, heading_rotations
 from ins_robot.estimation.scan_matching import Alignment
 from ins_robot.geometry.angles import FloatArray
 from ins_robot.geometry.pose2 import Pose2, between
@@ -88,7 +88,9 @@ class NodeMap:
         """Odometry edge between consecutive nodes; a match has used the odometry up already."""
         worth = MATCHED_ODOMETRY_WORTH if is_matched else 1.0
         information = np.asarray(np.linalg.inv(motion.covariance + MOTION_VARIANCE_MIN), float)
-        self.graph.add_edge(start, end, motion.delta.as_array(), worth * information)
+        self.graph.add_edge(
+            start, end, motion.delta.as_array(), worth * information, is_motion=True
+        )
 
     def link_match(
         self, node: int, pose: FloatArray, match: Alignment, is_closure: bool = False
@@ -104,10 +106,23 @@ class NodeMap:
         )
         for _, source, information in by_weight[:EDGES_PER_NODE]:
             at_source = self.graph.poses[source]
-            turn = heading_rotation(float(at_source[2]))
+            turn = heading_rotations(at_source[None, 2])[0]
             self.graph.add_edge(
                 source, node, between(at_source, pose), turn @ information @ turn.T, is_closure
             )
+
+    def surfels(self, node: int) -> Surfels:
+        """What a node's scan shows, base frame, but for what is lone."""
+        rows, _ = self._rows(np.array([node]))
+        return Surfels(
+            points_m=self._points.all.take(rows, axis=0).astype(np.float64),
+            normals=self._normals.all.take(rows, axis=0).astype(np.float64),
+            is_flat=self._is_flat.all.take(rows),
+            std_m=self._std.all.take(rows).astype(np.float64),
+            tilt_std_rad=self._tilt.all.take(rows).astype(np.float64),
+            is_lone=np.zeros(len(rows), dtype=bool),
+            sources=np.full(len(rows), node),
+        )
 
     def near(self, position: FloatArray, radius_m: float) -> BoolArray:
         """(K,) bool: nodes within that distance of (x, y)."""

@@ -7,7 +7,6 @@ disagrees only what that moves is touched (`relaxation.py`).
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -38,6 +37,7 @@ class PoseGraph:
         self._measured = GrowingRows((3,))
         self._information = GrowingRows((3, 3))
         self._is_closure = GrowingRows((), np.bool_)
+        self._is_motion = GrowingRows((), np.bool_)
         self._directions_rad = np.zeros(0)
         self._sights = GrowingRows((2,), np.int32)
         self._turned_rad = GrowingRows(())
@@ -76,12 +76,17 @@ class PoseGraph:
         start_from_end: FloatArray,
         information: FloatArray,
         is_closure: bool = False,
+        is_motion: bool = False,
     ) -> None:
-        """Say that `end` is at `start_from_end` (3,); information (3, 3) in `start`'s frame."""
+        """Say that `end` is at `start_from_end` (3,); information (3, 3) in `start`'s frame.
+
+        By a motion from there to there, or by what was seen; if so, perhaps to close a loop.
+        """
         self._ends.add((start, end))
         self._measured.add(start_from_end)
         self._information.add(information)
         self._is_closure.add(is_closure)
+        self._is_motion.add(is_motion)
 
     def add_direction(self, heading_rad: float) -> int:
         """Add a direction of unknown heading, beginning with this one; returns its index."""
@@ -150,11 +155,35 @@ class PoseGraph:
         state = checkpoint.state
         self.poses[:], self._directions_rad = state.poses, state.directions_rad
         self._strain.all[:] = state.strain
-        for rows in (self._ends, self._measured, self._information, self._is_closure):
+        for rows in self._edge_rows():
             rows.cut(checkpoint.edges)
         for rows in (self._sights, self._turned_rad, self._sight_weights):
             rows.cut(checkpoint.sights)
         self._relaxed = checkpoint.relaxed
+
+    def rematched(
+        self, ends: IntArray, measured: FloatArray, information: FloatArray
+    ) -> PoseGraph:
+        """The same nodes, motions and sights of directions, with other matches; not relaxed.
+
+        Matches of nodes `ends` (E, 2): the second `measured` (E, 3) from the first, information
+        (E, 3, 3) in the first one's frame. What closed a loop is a match like all others then.
+        """
+        other = PoseGraph()
+        other._poses.extend(self.poses)
+        other._strain.extend(np.zeros((len(self), 3)))
+        motions = np.flatnonzero(self._is_motion.all)
+        for rows, own in zip(other._edge_rows(), self._edge_rows(), strict=True):
+            rows.extend(own.all[motions])
+        count = len(ends)
+        seen = (ends, measured, information, np.zeros(count, bool), np.zeros(count, bool))
+        for rows, more in zip(other._edge_rows(), seen, strict=True):
+            rows.extend(more)
+        other._directions_rad = self._directions_rad.copy()
+        other._sights.extend(self._sights.all)
+        other._turned_rad.extend(self._turned_rad.all)
+        other._sight_weights.extend(self._sight_weights.all)
+        return other
 
     def cost(self, firm_from: int) -> float:
         """Chi-squared of all edges that do not fade, as in `relax`."""
@@ -164,6 +193,16 @@ class PoseGraph:
         error[:, 2] = wrap_rad(error[:, 2])
         return float(np.einsum("ei,eij,ej->", error, self._information.all[firm], error))
 
+    def _edge_rows(self) -> tuple[GrowingRows, ...]:
+        """Ends, what was measured, information, whether it closed a loop, was a motion."""
+        return (
+            self._ends,
+            self._measured,
+            self._information,
+            self._is_closure,
+            self._is_motion,
+        )
+
     def _fading(self, firm_from: int) -> BoolArray:
         """(E,) closures, but for those added lately."""
         fading: BoolArray = self._is_closure.all.copy()
@@ -171,7 +210,11 @@ class PoseGraph:
         return fading
 
 
-def heading_rotation(heading_rad: float) -> FloatArray:
-    """(3, 3) that turns map-frame errors (x, y, heading) into a frame with that heading."""
-    c, s = math.cos(heading_rad), math.sin(heading_rad)
-    return np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+def heading_rotations(headings_rad: FloatArray) -> FloatArray:
+    """(N, 3, 3) that turn map-frame errors (x, y, heading) into frames with those headings."""
+    turns = np.zeros((len(headings_rad), 3, 3))
+    turns[:, 0, 0] = turns[:, 1, 1] = np.cos(headings_rad)
+    turns[:, 0, 1] = np.sin(headings_rad)
+    turns[:, 1, 0] = -turns[:, 0, 1]
+    turns[:, 2, 2] = 1.0
+    return turns

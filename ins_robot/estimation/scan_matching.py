@@ -16,9 +16,9 @@ import numpy as np
 
 from ins_robot.estimation.surfel_residuals import (
     FixedPart,
-    Residuals,
     Slopes,
     costs_of,
+    equations_by_source,
     normal_equations,
     residuals_of,
     shares_of,
@@ -214,6 +214,9 @@ def align(
     is_inlier = residuals.is_matched[best] & (
         error < INLIER_STDS * np.sqrt(residuals.var_m2[best])
     )
+    nodes, shares_by_node, _ = equations_by_source(
+        field.surfels.sources, residuals, slopes, weights, best
+    )
     pose = poses[best]
     pose[2] = wrap_rad(float(pose[2]))
     return Alignment(
@@ -224,26 +227,5 @@ def align(
         inliers=int(is_inlier.sum()),
         cost=float(cost[best]),
         is_inlier=is_inlier,
-        by_source=_by_source(field, residuals, slopes, weights, best),
+        by_source=dict(zip(nodes.tolist(), shares_by_node, strict=True)),
     )
-
-
-def _by_source(
-    field: LikelihoodField,
-    residuals: Residuals,
-    slopes: Slopes,
-    weights: FloatArray,
-    best: int,
-) -> dict[int, FloatArray]:
-    """Information (3, 3) per node that the matched surfels came from."""
-    matched = residuals.is_matched[best]
-    sources = field.surfels.sources[residuals.surfel[best][matched]]
-    nodes = np.unique(sources)
-    by_normal = slopes.by_normal[best][:, matched]  # (3, M)
-    by_tangent = slopes.by_tangent[best][:, matched]
-    weight = weights[best][matched]
-    outer = (by_normal * weight)[:, None] * by_normal
-    outer += (by_tangent * (weight * residuals.is_round[best][matched]))[:, None] * by_tangent
-    is_from = (sources == nodes[:, None]).astype(np.float64)  # (nodes, M)
-    sums = np.tensordot(is_from, outer, axes=(1, 2))
-    return {int(node): sums[i] for i, node in enumerate(nodes)}

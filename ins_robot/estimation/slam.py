@@ -17,6 +17,7 @@ import numpy as np
 
 from ins_robot.config import MapConfig, SlamConfig
 from ins_robot.estimation.estimators import make_estimator
+from ins_robot.estimation.joint_alignment import align_jointly
 from ins_robot.estimation.loop_closing import LoopCloser, accepted
 from ins_robot.estimation.motion_model import chain, turned
 from ins_robot.estimation.node_map import MATCH_RADIUS_M, SURFEL_SPACING_M, Node, NodeMap, way_m
@@ -192,6 +193,16 @@ class Slam:
         self._wheel_scale.interrupt()
         return self.step(scan, still, Keep.ALWAYS)
 
+    def settle(self) -> None:
+        """Lay all scans on one another at once, when no more come: half the error, or less."""
+        if not (self._config.joint_alignment and self._estimator.closes_loops and self.anchors):
+            return
+        node = self.anchors[-1].node_id
+        before = self._nodes.graph.poses[node].copy()
+        if align_jointly(self._nodes):
+            self._map_moved(node, before)
+            self._field = None
+
     @property
     def pose(self) -> Pose2:
         """map_from_base at the last scan."""
@@ -328,9 +339,13 @@ class Slam:
             self._nodes.graph.relax()
         is_closed = self._close_loops(node, surfels)
         if is_turned or is_closed:
-            self.map_moves += 1
-            self._estimator.carry(compose(self._nodes.graph.poses[node], inverse(before)))
-            self._wheel_scale.interrupt()
+            self._map_moved(node, before)
+
+    def _map_moved(self, node: int, before: FloatArray) -> None:
+        """The robot goes with a node that was at `before` (3,)."""
+        self.map_moves += 1
+        self._estimator.carry(compose(self._nodes.graph.poses[node], inverse(before)))
+        self._wheel_scale.interrupt()
 
     def _close_loops(self, node: int, surfels: Surfels) -> bool:
         """Whether a loop was closed, and the graph relaxed."""

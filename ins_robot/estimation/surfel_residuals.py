@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ins_robot.geometry.angles import FloatArray
 from ins_robot.mapping.likelihood_field import LikelihoodField
-from ins_robot.mapping.occupancy_grid import BoolArray
+from ins_robot.mapping.occupancy_grid import BoolArray, IntArray
 from ins_robot.mapping.surfels import Surfels
 
 MAP_STD_M = 0.015  # what a surfel of the map may be off, apart from its own noise
@@ -143,3 +143,26 @@ def normal_equations(
     information = weighted_n @ by_normal.swapaxes(1, 2) + weighted_t @ by_tangent.swapaxes(1, 2)
     gradient = weighted_n @ r.normal_m[..., None] + weighted_t @ r.tangent_m[..., None]
     return information, gradient[..., 0]
+
+
+def equations_by_source(
+    sources: IntArray, r: Residuals, slopes: Slopes, weights: FloatArray, pose: int
+) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Those of one of the poses, apart by the node that each matched surfel came from.
+
+    `sources` (N,) are the nodes of the map's surfels. Returns nodes (S,), information (S, 3, 3)
+    and gradient (S, 3).
+    """
+    matched = np.flatnonzero(r.is_matched[pose])
+    source = sources[r.surfel[pose, matched]]
+    nodes = np.unique(source)
+    by_normal = slopes.by_normal[pose].take(matched, axis=1)  # (3, M)
+    by_tangent = slopes.by_tangent[pose].take(matched, axis=1)
+    weight = weights[pose, matched]
+    weighted_n = by_normal * weight
+    weighted_t = by_tangent * (weight * r.is_round[pose, matched])
+    outer = weighted_n[:, None] * by_normal
+    outer += weighted_t[:, None] * by_tangent
+    pull = weighted_n * r.normal_m[pose, matched] + weighted_t * r.tangent_m[pose, matched]
+    is_from = (source == nodes[:, None]).astype(np.float64)  # (S, M)
+    return nodes, np.tensordot(is_from, outer, axes=(1, 2)), is_from @ pull.T

@@ -76,6 +76,7 @@ def replay_log(
         progress(share)
     if not scan_rows:
         raise InputError(f"{name}: the log has no scan")
+    slam.settle()
 
     records = log.records[: scan_rows[-1] + 1] if is_cut else log.records
     stamps_s = np.array([record.stamp_s for record in records])

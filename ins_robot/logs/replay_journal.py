@@ -160,6 +160,7 @@ def replay_journal(
         raise InputError(
             f"{path}: the recording ends before any wheel telemetry or scan: nothing to map"
         )
+    replay.core.settle()
     reason = f"interrupted at {messages.progress:.0%}" if is_cut else "the recording ends here"
     end: dict[str, Any] = (
         replay.end.payload
