@@ -48,7 +48,7 @@ class _Pairs:
 def align_jointly(nodes: NodeMap) -> bool:
     """Move the nodes to where their scans agree best; whether anything moved.
 
-    The first node stays. If the scans lie much worse after the first round, all stay as they were.
+    The first node stays. If the scans lie much worse after a round, all stay as they were.
     """
     before, cost = nodes.graph, np.inf
     for width in KERNEL_WIDTHS:
