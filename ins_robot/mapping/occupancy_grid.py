@@ -213,7 +213,7 @@ class OccupancyGrid:
     ) -> ScanFootprint:
         """What one scan would add.
 
-        Wide silence ends before the walls known here, or at `wall_m` (B,) if those are given.
+        Silence ends before the walls known here, or at `wall_m` (B,) if those are given.
         """
         rules = SilenceRules(
             near_m=min(range_trusted_m, self.config.silent_free_m),
@@ -221,7 +221,7 @@ class OccupancyGrid:
             wide_rad=math.radians(self.config.silent_wide_deg),
         )
         silence = read_silence(scan, rules)
-        if wall_m is None and silence.wide_m.any():
+        if wall_m is None and silence.free_m.any() and not silence.is_proof:
             wall_m = self._wall_m(scan, silence, map_from_lrf, range_trusted_m)
         return draw_scan(
             scan,
@@ -242,9 +242,9 @@ class OccupancyGrid:
     def _wall_m(
         self, scan: LaserScan, silence: Silence, map_from_lrf: Pose2, reach_m: float
     ) -> FloatArray:
-        """(B,) known walls ahead of beams in wide silence; inf for all others."""
-        beams = np.flatnonzero(silence.wide_m)
-        wall_m = np.full(len(silence.wide_m), np.inf)
+        """(B,) known walls ahead of beams whose silence tells of something; inf for others."""
+        beams = np.flatnonzero(silence.free_m)
+        wall_m = np.full(len(silence.free_m), np.inf)
         bearings = scan.bearings_rad[beams] + map_from_lrf.heading_rad
         at = np.array([map_from_lrf.y_m, map_from_lrf.x_m]) / self.resolution_m
         reach = math.ceil(reach_m / self.resolution_m) + 1

@@ -35,7 +35,7 @@ class ScanFootprint:
     is_quiet : (H, W) bool
         Crossed by silent beams that saw neither a wall nor its absence.
     silent_wall_m : (B,) or None
-        Before which walls wide silence was taken to end; None without wide silence.
+        Before which walls silence was taken to end; None where silence told nothing, or all.
     """
 
     corner: tuple[int, int]
@@ -54,9 +54,9 @@ def draw_scan(
 ) -> ScanFootprint:
     """Rasterise a scan taken at `map_from_lrf`.
 
-    Wide silence ends before walls at `silent_wall_m` (B,); None when there are none.
+    Silence ends before walls at `silent_wall_m` (B,); None when there are none.
     """
-    silent_free_m = silence.free_before(np.inf if silent_wall_m is None else silent_wall_m)
+    silent_free_m = silence.free_before(silent_wall_m)
     weights = beam_weights(scan, resolution_m)
     order = np.argsort(weights, kind="stable")  # heavier evidence is written later, and stays
     weights = weights[order]

@@ -14,6 +14,7 @@ far walls, and at glass, and what they say depends on the run of silent beams th
   go on: those fall silent as they are seen ever more slanted, and glass between two posts lies
   on the line of the posts.
 
+It never goes on beyond a wall that is known: a reading says more than its absence.
 A scan with hardly a reading may come from a blind sensor; its silence says nothing at all.
 """
 
@@ -54,17 +55,17 @@ class SilenceRules:
 class Silence:
     """The ways (B,) of the beams of a scan as their silence tells them; 0 for readings.
 
-    `free_m` is free, `wide_m` too unless a wall is known there; `quiet_m` is neither wall nor
-    proved to be free.
+    `free_m` is free, but for walls that are known there already unless `is_proof`;
+    `quiet_m` is neither wall nor proved to be free.
     """
 
     free_m: FloatArray
-    wide_m: FloatArray
     quiet_m: FloatArray
+    is_proof: bool = False
 
-    def free_before(self, wall_m: FloatArray | float) -> FloatArray:
-        """(B,) what is free, where walls are known at `wall_m` (B,)."""
-        return np.maximum(self.free_m, np.minimum(self.wide_m, wall_m))
+    def free_before(self, wall_m: FloatArray | None) -> FloatArray:
+        """(B,) what is free, where walls are known at `wall_m` (B,); None: nowhere."""
+        return self.free_m if wall_m is None else np.minimum(self.free_m, wall_m)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -88,9 +89,9 @@ def read_silence(scan: LaserScan, rules: SilenceRules) -> Silence:
     none = np.zeros(len(scan.ranges_m))
     silent = ~scan.is_valid
     if scan.is_free_when_silent:
-        return Silence(free_m=np.where(silent, np.inf, 0.0), wide_m=none, quiet_m=none)
+        return Silence(free_m=np.where(silent, np.inf, 0.0), quiet_m=none, is_proof=True)
     if not silent.any() or np.count_nonzero(scan.is_valid) < READINGS_MIN:
-        return Silence(free_m=none, wide_m=none, quiet_m=none)
+        return Silence(free_m=none, quiet_m=none)
     runs = _silent_runs(scan)
     is_narrow = runs.width_rad < NARROW_RAD
     # Nearer than this a dark leg would hide more beams than fell silent.
@@ -101,7 +102,7 @@ def read_silence(scan: LaserScan, rules: SilenceRules) -> Silence:
     reach_m = np.minimum(np.minimum(runs.nearer_m, no_leg_m), rules.near_m)
     free_m[beams] = np.repeat(reach_m, lengths)
     quiet_m[beams] = np.repeat(np.where(is_narrow, 0.0, rules.near_m), lengths)
-    return Silence(free_m=free_m, wide_m=_wide_m(scan, runs, rules), quiet_m=quiet_m)
+    return Silence(free_m=np.maximum(free_m, _wide_m(scan, runs, rules)), quiet_m=quiet_m)
 
 
 def _silent_runs(scan: LaserScan) -> _Runs:

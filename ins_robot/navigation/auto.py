@@ -28,6 +28,7 @@ CELL_M = 0.1  # what is seen from where is worked out in cells of this size
 STOP_M = 0.3  # a scan costs as much as this much way
 SAME_SIDE_RAD = math.radians(30.0)  # looks at a place from so near the same side are one
 NEARER = 0.6  # unless it is this much nearer
+THERE_CELLS = 0.75  # a scan so near to a cell's centre was taken from it
 SIGHT_M = 4.0  # unseen ground is not counted on from farther away
 PITCH_M = 0.4  # places compared lie this far apart
 BATCH = 150  # demands looked at together, nearest first: by the way as far as REACH_M
@@ -213,8 +214,22 @@ def _views(outlook: Outlook, places: IndexArray, demands: Demands, sight_m: floa
     nodes, at = _looks_near(outlook, low, high)
     seen = shows_from(outlook, np.concatenate([places, at]), demands.cells, sight_m)
     shows, was_seen = seen[: len(places)], seen[len(places) :]
+    _count_looks_from(places, outlook.looks.cells[nodes], shows, was_seen)
     _drop_looked_at(outlook.looks.part(nodes), was_seen, places, demands.cells, shows)
     return _Views(places=places, demands=demands, shows=shows)
+
+
+def _count_looks_from(
+    places: IndexArray, look_cells: FloatArray, shows: BoolArray, was_seen: BoolArray
+) -> None:
+    """A look from a place should have shown all that shows from there; into `was_seen` (K, D).
+
+    The robot stands a bit beside the cell's centre, perhaps in the next one, from which a
+    keyhole shows less; that cell looked at in vain would be aimed at again and again.
+    """
+    off = places[:, None] + 0.5 - look_cells
+    place, look = set_cells(np.hypot(off[..., 0], off[..., 1]) <= THERE_CELLS).T
+    np.logical_or.at(was_seen, look, shows[place])
 
 
 def _looks_near(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Wide silence: free in a hall, but not where the walls beside it would go on."""
+"""Silence: free in a hall, but not where walls beside it would go on, or are known to be."""
 
 import numpy as np
 import pytest
@@ -12,6 +12,7 @@ from ins_robot.messages import LaserScan
 
 BEARINGS = np.radians(np.arange(-180.0, 180.0))
 NEAR_M, TRUSTED_M = 1.0, 3.0
+WIDE = SilenceRules(near_m=0.0, trusted_m=TRUSTED_M, wide_rad=np.radians(40.0))
 RULES = SilenceRules(near_m=NEAR_M, trusted_m=TRUSTED_M, wide_rad=np.radians(40.0))
 
 
@@ -35,7 +36,7 @@ def wall_ahead(distance_m: float, up_to_m: float):
 
 
 def test_a_hall_with_one_wall_in_sight_is_free_all_around():
-    free = read_silence(scan_of(wall_ahead(4.0, 6.0)), RULES).wide_m
+    free = read_silence(scan_of(wall_ahead(4.0, 6.0)), WIDE).free_m
     behind = np.abs(BEARINGS) > np.radians(90.0)
     assert (free[behind] == TRUSTED_M).all()
     assert (free[np.isfinite(wall_ahead(4.0, 6.0))] == 0.0).all()
@@ -45,7 +46,7 @@ def test_a_hall_with_one_wall_in_sight_is_free_all_around():
 def test_a_wall_that_falls_silent_at_a_slant_is_not_driven_into(distance_m):
     """It answers up to 2.5 times its distance; beyond, it goes on all the same."""
     scan = scan_of(wall_ahead(distance_m, 2.5 * distance_m))
-    free = read_silence(scan, RULES).wide_m
+    free = read_silence(scan, WIDE).free_m
     ahead = np.cos(BEARINGS) > 1e-6
     true_m = distance_m / np.cos(BEARINGS[ahead])
     assert (free[ahead] < true_m).all()
@@ -57,22 +58,21 @@ def test_glass_between_two_posts_lies_on_their_line():
     ranges = wall_ahead(1.5, 4.0)
     pane = np.abs(BEARINGS) < np.arctan(1.0)
     ranges[pane] = np.nan
-    free = read_silence(scan_of(ranges), RULES).wide_m
+    free = read_silence(scan_of(ranges), WIDE).free_m
     assert (free[pane] < 1.5 / np.cos(BEARINGS[pane])).all()
 
 
 def test_narrow_silence_and_a_scan_without_readings_say_nothing():
     ranges = np.full(360, 2.0)
     ranges[100:130] = np.nan
-    assert not read_silence(scan_of(ranges), RULES).wide_m.any()
+    assert not read_silence(scan_of(ranges), WIDE).free_m.any()
     blind = read_silence(scan_of(np.full(360, np.nan)), RULES)
-    assert not blind.wide_m.any()
     assert not blind.free_m.any()
     assert not blind.quiet_m.any()
     stray = np.full(360, np.nan)
     stray[[10, 100, 200]] = 5.0
     told = read_silence(scan_of(stray), RULES)
-    assert max(told.free_m.max(), told.wide_m.max(), told.quiet_m.max()) == 0.0
+    assert max(told.free_m.max(), told.quiet_m.max()) == 0.0
 
 
 def test_silence_does_not_reach_past_a_wall_on_the_map():
@@ -87,6 +87,26 @@ def test_silence_does_not_reach_past_a_wall_on_the_map():
     known = grid.metres(np.argwhere(before))
     assert (grid.log_odds_at(known) > 0.0).all()
     assert not (grid.log_odds_at(np.array([[2.4, 0.0], [2.8, 0.1]])) < -0.05).any()
+
+
+def test_a_post_that_was_seen_stays_however_often_beams_fall_silent_there():
+    """Seen from before it; from beside it no beam comes back, scan after scan."""
+    grid = OccupancyGrid(0.05, MapConfig())
+    post = np.array([[0.72, 0.02], [0.72, -0.03]])
+    seen = np.full(360, 2.0)
+    seen[np.abs(BEARINGS) < np.radians(6.0)] = 0.5
+    grid.integrate(scan_of(seen), Pose2(0.22, 0.0, 0.0), TRUSTED_M)
+    assert (grid.log_odds_at(post) > 0.0).all()
+    silent = np.full(360, 2.0)
+    silent[np.abs(BEARINGS) < np.radians(15.0)] = np.nan
+    for _ in range(20):
+        grid.integrate(scan_of(silent), Pose2(), TRUSTED_M)
+    assert (grid.log_odds_at(post) > 0.0).all()
+    assert (grid.log_odds_at(np.array([[0.4, 0.0], [0.9, 0.2]])) < -0.05).all()
+    open_now = np.full(360, 2.0)
+    for _ in range(20):
+        grid.integrate(scan_of(open_now), Pose2(), TRUSTED_M)
+    assert (grid.log_odds_at(post) < 0.0).all()  # what beams come back from beyond is gone
 
 
 def test_wide_silence_reaches_beyond_what_the_map_held_before():

@@ -2,6 +2,7 @@
 """The strategies that choose places, on drawn grids ('#' wall, '.' seen, 'R' robot)."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -210,3 +211,39 @@ def test_an_aim_in_large_cells_comes_back_to_cells_of_the_grid():
     edges = {tuple(c) for e in fine.edges for c in e.tolist()}
     assert {tuple(c) for c in aim.targets.tolist()} <= edges
     assert (aim.targets // 2 == edge).all()
+
+
+SHAFT = """
+#############
+#     #     #
+######.######
+######.######
+######.######
+######.######
+######.######
+#.....R.....#
+#############
+"""
+
+
+def test_what_did_not_show_from_beside_a_keyholes_line_is_not_aimed_at_from_there_again():
+    """The robot stands a bit beside the cell it was sent to, and sees nothing of the shaft."""
+    outlook = drawn(SHAFT)
+    factor = np.where(np.arange(9)[:, None] == 7, outlook.factor, np.inf)  # too narrow for it
+    cost, before = wave(factor, outlook.here, 0.1)
+    edge = (np.array([[2, 6]]),)
+    outlook = replace(outlook, factor=factor, cost_m=cost, before=before, edges=edge)
+    unseen = outlook.is_unseen.copy()
+    unseen[1, 6], opaque = True, outlook.is_opaque.copy()
+    opaque[1, 6] = False
+    outlook = replace(outlook, is_unseen=unseen, is_opaque=opaque)
+    aim = Auto().aim(outlook)
+    assert aim is not None
+    for beside, is_from_there in ((0.6, True), (3.0, False)):
+        look = PastLooks(
+            cells=np.array([aim.cell]) + np.array([0.5, 0.5 + beside]),
+            towards_rad=np.array([-0.5 * math.pi]),
+            half_rad=np.array([math.radians(150.0)]),
+        )
+        again = Auto().aim(replace(outlook, looks=look))
+        assert (again is None or again.cell != aim.cell) == is_from_there
