@@ -43,7 +43,8 @@ def roomiest_places(grid: OccupancyGrid, cells: IndexArray) -> tuple[FloatArray,
     if len(cells) == 0:
         return places[:, 0], np.zeros(0)
     walls = grid.walls_near(places.reshape(-1, 2))
-    room = walls.query(places.reshape(-1, 2))[0].reshape(len(cells), len(shifts))
+    # a single reading may be a centimetre off; on a surface the next one lies beside it
+    room = walls.query(places.reshape(-1, 2), k=[2])[0].reshape(len(cells), len(shifts))
     each, best = np.arange(len(cells)), room.argmax(axis=1)
     return places[each, best], room[each, best]
 

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: MIT
 """Where the robot can drive, and the paths it gets."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from exploring import RADIUS_M, bench, grid_of, plan
@@ -158,6 +160,29 @@ def test_a_passage_with_two_centimetres_to_spare_is_found_by_the_end_points(phas
     path = plan_path(terrain, here, cell, 0.0)
     points = start.apply(dense_points_m(path.points_m, 0.01)).tolist()
     assert min(world.clearance.nearest_wall(x, y).distance_m for x, y in points) >= RADIUS_M
+
+
+def test_one_stray_reading_does_not_close_a_narrow_passage():
+    """The last surface a beam meets at a corner, or a node a bit beside its place."""
+    world = plan(6, 4, (0.5, 0.5, 2.5, 3.5), (2.5, 1.8, 2.7, 2.25), (2.7, 0.5, 5.5, 3.5))
+    start = Pose2(1.6, 2.1, 0.0)
+    robot = bench.BenchRobot(world, start, LrfConfig(), RADIUS_M)
+    grid = OccupancyGrid(0.05, MapConfig())
+    for x in (0.6, 1.3):
+        robot.pose = Pose2(x, 0.0, 0.0)
+        scan = robot.scan(np.pi)
+        x_m, y_m = start.apply(robot.pose.apply(scan.points_lrf_m())).T
+        on_face = np.flatnonzero((abs(x_m - 2.6) < 0.06) & (y_m < 1.805))
+        ranges = scan.ranges_m.copy()
+        if x > 1.0:
+            beam = np.flatnonzero(scan.is_valid)[on_face[len(on_face) // 2]]
+            ranges[beam] *= (2.1 - 1.823) / (2.1 - 1.8)
+            stray_x_m = start.x_m + x + ranges[beam] * np.cos(scan.bearings_rad[beam])
+        grid.integrate(replace(scan, ranges_m=ranges), robot.pose, 3.0)
+    assert len(on_face) > 3
+    odd = find_squeezes(grid, BODY, np.zeros(grid.shape, bool))
+    inside = start.apply(odd.places_m)
+    assert (np.abs(inside[:, 0] - stray_x_m) < 0.03).any()
 
 
 def test_no_squeeze_is_found_where_the_body_does_not_fit():
