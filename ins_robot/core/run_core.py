@@ -347,7 +347,7 @@ class RunCore:
             wall_time_s=wall_time_s,
             peak_rss_mb=peak_rss_mb,
             slam_ms=self.survey.slam_ms,
-            notes={**self.notes, **notes},
+            notes={**self.notes, "settle_ms": round(self.survey.settle_ms, 1), **notes},
             zones=self.survey.explorer.bounds.zones,
         )
 

@@ -76,7 +76,9 @@ def replay_log(
         progress(share)
     if not scan_rows:
         raise InputError(f"{name}: the log has no scan")
+    settle_begun_s = clock()
     slam.settle()
+    settle_ms = 1e3 * (clock() - settle_begun_s)
 
     records = log.records[: scan_rows[-1] + 1] if is_cut else log.records
     stamps_s = np.array([record.stamp_s for record in records])
@@ -102,7 +104,7 @@ def replay_log(
         wall_time_s=clock() - begun_s,
         peak_rss_mb=peak_rss_mb(),
         slam_ms=slam_ms,
-        notes=slam.notes(),
+        notes={**slam.notes(), "settle_ms": round(settle_ms, 1)},
     )
 
 
