@@ -20,11 +20,11 @@ from ins_robot.errors import StateError
 CONNECT_TIMEOUT_S = 5.0
 REPLY_TIMEOUT_S = 15.0
 SLOW_REPLY_TIMEOUTS_S = {  # these draw a picture or take a scan; a Pi 3 takes its time
-    "stop": 120.0,
+    "stop": 240.0,
     "goto": 60.0,
     "add_zone": 60.0,
     "remove_zone": 60.0,
-    "map": 60.0,
+    "map": 180.0,
     "next_picture": 60.0,
     "here": 120.0,
     "skip": 60.0,

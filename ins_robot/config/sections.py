@@ -349,7 +349,8 @@ class MapConfig:
     silent_free_m: float = option(
         1.0,
         "how far the way of beams without a reading counts as free where silence is no proof: "
-        "a wall passed at a body's distance falls silent no nearer than this; 0 = never",
+        "a wall passed at a body's distance falls silent no nearer than this, and never beyond "
+        "a wall that was seen; 0 = never",
         at_least=0.0,
     )
     silent_wide_deg: float = option(

@@ -65,6 +65,7 @@ class AfterRun(Mission):
 
     async def _explore(self) -> None:
         self._hold()  # whoever drove before may have left the wheels held
+        await self._look_out()  # all scans have been laid on one another since
         if self._taker.is_always_on:
             await self._taker.switch_on()
         where = f"{self.place_m[0]:g} {self.place_m[1]:g}"

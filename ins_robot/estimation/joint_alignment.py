@@ -19,7 +19,6 @@ from ins_robot.estimation.pose_graph import heading_rotations
 from ins_robot.estimation.surfel_residuals import (
     FixedPart,
     Slopes,
-    costs_of,
     equations_by_source,
     residuals_of,
     shares_of,
@@ -29,50 +28,62 @@ from ins_robot.geometry.angles import FloatArray
 from ins_robot.geometry.pose2 import between
 from ins_robot.mapping.occupancy_grid import IntArray
 
+PAIRS_PER_NODE = 12  # those that tell most; all twenty or so take half as much memory more
 KERNEL_WIDTHS = (2.0, 1.0)  # a round each; more than two rounds make maps worse (measured)
 INFORMATION_MIN = 50.0  # of a pair, m^-2: below it the two hardly see the same
-COST_GROWTH_MAX = 1.1  # up to 1.02 has been seen where the map got better; torn ones cost more
+FIT_KEPT_MIN = 0.95  # 0.99 has been seen where the map got better; a torn one fits worse
 DAMPING = 1e-3 * np.diag([1.0, 1.0, 4.0])  # of what a pair does not tell; of its information
 
 
 @dataclass(frozen=True, slots=True)
 class _Pairs:
-    """What pairs of scans say of their two nodes; and how badly the scans lie, as costs."""
+    """What pairs of scans say of their two nodes; and how many readings lie on the map."""
 
     ends: IntArray  # (E, 2) the node that was laid on, and the one that was laid
     measured: FloatArray  # (E, 3) the second as seen from the first
     information: FloatArray  # (E, 3, 3) in the first one's frame
-    cost: float
+    fit: float
 
 
 def align_jointly(nodes: NodeMap) -> bool:
-    """Move the nodes to where their scans agree best; whether anything moved.
+    """Move the nodes to where their scans agree best; whether they were.
 
-    The first node stays. If the scans lie much worse after a round, all stay as they were.
+    The first node stays. All do if the equations have no answer, or if much less of the scans
+    lies on the map after the first round; the second one moves by little.
     """
-    before, cost = nodes.graph, np.inf
+    before, fit = nodes.graph, 0.0
     for width in KERNEL_WIDTHS:
         pairs = _laid_pairs(nodes, width)
-        if pairs is None or pairs.cost > COST_GROWTH_MAX * cost:
+        is_torn = pairs is None or pairs.fit < FIT_KEPT_MIN * fit
+        if pairs is None or is_torn or not _relaxed_by(pairs, nodes):
             nodes.graph = before
             return False
-        cost = pairs.cost
-        nodes.graph = nodes.graph.rematched(pairs.ends, pairs.measured, pairs.information)
-        nodes.graph.relax()
+        fit = pairs.fit
     return True
+
+
+def _relaxed_by(pairs: _Pairs, nodes: NodeMap) -> bool:
+    """Whether the graph with these pairs instead of its matches could be relaxed."""
+    graph = nodes.graph.rematched(pairs.ends, pairs.measured, pairs.information)
+    try:
+        graph.relax()
+    except (np.linalg.LinAlgError, RuntimeError):  # scipy: "Factor is exactly singular"
+        return False
+    nodes.graph = graph
+    return bool(np.isfinite(graph.poses).all())
 
 
 def _laid_pairs(nodes: NodeMap, width: float) -> _Pairs | None:
     """All scans, each laid on those of the nodes around it; None when none lies on another."""
     laid = [_laid(nodes, node, width) for node in range(len(nodes))]
     pairs = [one for one in laid if one is not None]
-    if not pairs:
+    if sum(len(one.ends) for one in pairs) == 0:
         return None
     return _Pairs(
         ends=np.concatenate([one.ends for one in pairs]),
         measured=np.concatenate([one.measured for one in pairs]),
         information=np.concatenate([one.information for one in pairs]),
-        cost=sum(one.cost for one in pairs),
+        fit=sum(one.fit for one in pairs),
     )
 
 
@@ -90,7 +101,8 @@ def _laid(nodes: NodeMap, node: int, width: float) -> _Pairs | None:
     source, information, gradient = equations_by_source(
         field.surfels.sources, residuals, Slopes.of(residuals), weights, 0
     )
-    told = np.flatnonzero(_of_position(information) >= INFORMATION_MIN)
+    known = _of_position(information)
+    told = np.flatnonzero((known >= INFORMATION_MIN) & (_rank(known) < PAIRS_PER_NODE))
     source, starts = source[told], poses[source[told]]
     turn = heading_rotations(starts[:, 2])
     information = turn @ information[told] @ turn.swapaxes(1, 2)
@@ -101,10 +113,17 @@ def _laid(nodes: NodeMap, node: int, width: float) -> _Pairs | None:
         ends=np.stack([source, np.full(len(source), node)], axis=-1),
         measured=between(starts, pose) - pulled,
         information=information,
-        cost=float(costs_of(shares_of(residuals, 1.0))[0]),
+        fit=float(shares_of(residuals, 1.0).sum()),
     )
 
 
 def _of_position(information: FloatArray) -> FloatArray:
     """(E,) of (E, 3, 3): what is known of the position, in both directions together."""
     return np.asarray(information[:, 0, 0] + information[:, 1, 1])
+
+
+def _rank(values: FloatArray) -> IntArray:
+    """(E,) how many are greater than each, of equals those before it."""
+    ranks = np.empty(len(values), np.int64)
+    ranks[np.argsort(-values, kind="stable")] = np.arange(len(values))
+    return ranks

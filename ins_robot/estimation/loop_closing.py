@@ -113,6 +113,10 @@ class LoopCloser:
         self.attempts = 0
         self._pending: list[Closure] = []
 
+    def forget(self) -> None:
+        """The map has moved by more than closures: what waits to be confirmed is void."""
+        self._pending = []
+
     def look(self, nodes: NodeMap, node: int, linked: IntArray, scan: Surfels) -> list[Closure]:
         """Closures that are certain now; most times none."""
         found = self._search(nodes, node, linked, scan) or self._recheck(

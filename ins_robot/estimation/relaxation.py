@@ -65,7 +65,8 @@ class Constraints:
 
     def around(self, is_free: BoolArray) -> Constraints:
         """Those edges that reach a free node (K,), and all sights."""
-        return self.of(np.flatnonzero(is_free[self.ends].any(axis=1)))
+        reaches = is_free[self.ends].any(axis=1)
+        return self if reaches.all() else self.of(np.flatnonzero(reaches))
 
     def of(self, part: IntArray) -> Constraints:
         """Some of the edges, and all sights."""
@@ -200,23 +201,28 @@ def _step(state: State, window: Constraints, is_free: BoolArray) -> FloatArray:
     if max(linear.chi2.max(initial=0.0), linear.sight_chi2.max(initial=0.0)) < CONSISTENT_CHI2:
         return np.zeros(size)
     slot = np.where(is_free, np.cumsum(is_free) - 1, -1).astype(np.int32)
-    ends, axis = slot[window.ends], np.arange(POSE_SIZE, dtype=np.int32)
+    ends, axis = slot[window.ends].astype(np.int64), np.arange(POSE_SIZE)
     gradient = np.zeros(size)
-    rows, cols, values = [], [], []
     left = linear.left()
     pulls = (left @ linear.error[..., None])[..., 0]
+    own = np.zeros((count, POSE_SIZE, POSE_SIZE))
     for i in (0, 1):
         here = np.flatnonzero(ends[:, i] >= 0)
         at = POSE_SIZE * ends[here, i, None] + axis
         gradient += np.bincount(at.ravel(), pulls[i, here].ravel(), size)
-        for j in (0, 1):
-            both = here[ends[here, j] >= 0]
-            block = left[i, both] @ linear.slopes[j, both]
-            row = POSE_SIZE * ends[both, i, None, None] + axis[:, None]
-            col = POSE_SIZE * ends[both, j, None, None] + axis
-            rows.append(np.broadcast_to(row, block.shape).ravel())
-            cols.append(np.broadcast_to(col, block.shape).ravel())
-            values.append(block.ravel())
+        np.add.at(own, ends[here, i], left[i, here] @ linear.slopes[i, here])
+    first, second, shared = _shared(ends, left[0], linear.slopes[1])
+    rows, cols, values = [], [], []
+    every = np.arange(count)
+    for of, by, blocks in (
+        (every, every, own),
+        (first, second, shared),
+        (second, first, shared.swapaxes(1, 2)),
+    ):
+        row, col = POSE_SIZE * of[:, None, None] + axis[:, None], POSE_SIZE * by[:, None, None]
+        rows.append(np.broadcast_to(row, blocks.shape).astype(np.int32).ravel())
+        cols.append(np.broadcast_to(col + axis, blocks.shape).astype(np.int32).ravel())
+        values.append(blocks.ravel())
     direction = (POSE_SIZE * count + window.seen[:, 1]).astype(np.int32)
     heading = POSE_SIZE * slot[window.seen[:, 0]] + 2
     weights, moves = linear.weights, heading >= 0
@@ -242,6 +248,26 @@ def _step(state: State, window: Constraints, is_free: BoolArray) -> FloatArray:
         options={"SymmetricMode": True},
     )
     return np.asarray(factors.solve(-gradient))
+
+
+def _shared(
+    ends: IntArray, left: FloatArray, slopes: FloatArray
+) -> tuple[IntArray, IntArray, FloatArray]:
+    """First node (N,), second (N,), block (N, 3, 3) of all edges between two free ones.
+
+    Edges to and fro between the same two become one block: there may be many.
+    """
+    both = np.flatnonzero((ends >= 0).all(axis=1))
+    blocks = left[both] @ slopes[both]  # by the start's pose in rows, the end's in columns
+    start, end = ends[both, 0], ends[both, 1]
+    swapped = start > end
+    blocks[swapped] = blocks[swapped].swapaxes(1, 2)
+    pair = np.minimum(start, end) * (ends.max(initial=0) + 1) + np.maximum(start, end)
+    pairs, of = np.unique(pair, return_inverse=True)
+    total = np.zeros((len(pairs), *blocks.shape[1:]))
+    np.add.at(total, of, blocks)
+    first, second = np.divmod(pairs, ends.max(initial=0) + 1)
+    return first, second, total
 
 
 def _pulled(

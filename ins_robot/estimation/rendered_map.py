@@ -4,7 +4,7 @@
 Scans are drawn in the order they were taken, which is what a clamped log-odds grid means.
 Consecutive nodes make a strip, whose evidence is kept as one sum; when a correction moves nodes
 visibly, only their strips are drawn again, and only the cells under them laid together anew.
-Before which wall a wide silence ends is decided when a scan is first drawn, and goes with it.
+Before which wall silence ends is decided when a scan is first drawn, and goes with it.
 """
 
 from __future__ import annotations

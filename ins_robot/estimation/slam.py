@@ -109,7 +109,7 @@ class Slam:
             self._wheel_scale.located(self._estimator.pose())
         if self._becomes_node(keep, match):
             node = self._add_node(scan, surfels, match)
-            self._settle(node, thinned)
+            self._tie_in(node, thinned)
         self._anchor(scan.stamp_s)
         return PoseEstimate(
             stamp_s=scan.stamp_s, pose=self.pose, covariance=self._estimator.covariance()
@@ -194,7 +194,7 @@ class Slam:
         return self.step(scan, still, Keep.ALWAYS)
 
     def settle(self) -> None:
-        """Lay all scans on one another at once, when no more come: half the error, or less."""
+        """Lay all scans on one another at once; for when no more come, or hardly any."""
         if not (self._config.joint_alignment and self._estimator.closes_loops and self.anchors):
             return
         node = self.anchors[-1].node_id
@@ -202,6 +202,7 @@ class Slam:
         if align_jointly(self._nodes):
             self._map_moved(node, before)
             self._field = None
+            self._closer.forget()
 
     @property
     def pose(self) -> Pose2:
@@ -327,7 +328,7 @@ class Slam:
         self._linked = np.array([node])
         return node
 
-    def _settle(self, node: int, surfels: Surfels) -> None:
+    def _tie_in(self, node: int, surfels: Surfels) -> None:
         """Look where the walls run and for closed loops; relax the graph when they say so."""
         if not self._estimator.closes_loops or len(surfels) == 0:
             return

@@ -40,6 +40,7 @@ if TYPE_CHECKING:
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
+SEEN_TWICE = 1.2  # hits: once may be a ghost, which silence takes away again
 BLOCK_CELLS = 64
 
 
@@ -255,13 +256,13 @@ class OccupancyGrid:
         return wall_m
 
     def _walls_in(self, corner: IntArray, size: int) -> BoolArray:
-        """(size, size) bool: what is occupied in a lattice window; nothing beyond the grid."""
+        """(size, size) bool: what was hit more than once in a lattice window; none beyond."""
         window = np.zeros((size, size), bool)
         row, col = (corner - self._corner).tolist()
         height, width = self.shape
         rows = slice(max(row, 0), max(min(row + size, height), 0))
         cols = slice(max(col, 0), max(min(col + size, width), 0))
-        known = self.log_odds[rows, cols] > OCCUPIED_LOG_ODDS
+        known = self.log_odds[rows, cols] > SEEN_TWICE * self.config.hit_log_odds
         top, left = rows.start - row, cols.start - col
         window[top : top + known.shape[0], left : left + known.shape[1]] = known
         return window

@@ -20,7 +20,7 @@ from scipy.ndimage import minimum_filter
 from ins_robot.geometry.angles import FloatArray, wrap_rad
 from ins_robot.mapping.neighbourhood import set_cells
 from ins_robot.navigation.coarse_outlook import coarsened, refined
-from ins_robot.navigation.demands import Demands, demands_of, shows_from
+from ins_robot.navigation.demands import Demands, demands_of, pairs_near, shows_from
 from ins_robot.navigation.outlook import Aim, BoolArray, IndexArray, Outlook, PastLooks
 from ins_robot.navigation.wave import wave
 
@@ -227,9 +227,10 @@ def _count_looks_from(
     The robot stands a bit beside the cell's centre, perhaps in the next one, from which a
     keyhole shows less; that cell looked at in vain would be aimed at again and again.
     """
-    off = places[:, None] + 0.5 - look_cells
-    place, look = set_cells(np.hypot(off[..., 0], off[..., 1]) <= THERE_CELLS).T
-    np.logical_or.at(was_seen, look, shows[place])
+    place, look = pairs_near(places, np.floor(look_cells).astype(np.int64), 1)
+    off = places[place] + 0.5 - look_cells[look]
+    is_there = np.hypot(off[:, 0], off[:, 1]) <= THERE_CELLS
+    np.logical_or.at(was_seen, look[is_there], shows[place[is_there]])
 
 
 def _looks_near(

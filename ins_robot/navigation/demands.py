@@ -100,7 +100,7 @@ def shows_from(
         goes_on &= is_clear.take(flat[:, None] + (rows * width + cols))
         free += goes_on
     far = np.minimum(stride * (free + 0.5), reach)
-    place, cell = _pairs_near(places, cells, reach)
+    place, cell = pairs_near(places, cells, reach)
     row, col = (places[place] - cells[cell] + reach).T
     distance, ray = _window(reach)
     shows = np.zeros((len(places), len(cells)), bool)
@@ -108,7 +108,7 @@ def shows_from(
     return shows
 
 
-def _pairs_near(
+def pairs_near(
     places: IndexArray, cells: IndexArray, reach: int
 ) -> tuple[IndexArray, IndexArray]:
     """Indices (N,), (N,) of places (P, 2) and cells (D, 2) no farther apart, axis by axis."""

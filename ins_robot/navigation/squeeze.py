@@ -21,6 +21,7 @@ from ins_robot.navigation.terrain import MARGIN_CELLS, BodyRules, IndexArray, Od
 
 ROOM_M = 0.015  # least room left around the body
 RIDGE_CELLS = 0.6  # a ridge cell is at most this much nearer to a wall than its neighbours
+STRAY_M = 0.01  # one reading may be off by so much; on a surface the next lies beside it
 SUB_PLACES = 5  # places tried per cell and axis
 BoolArray = NDArray[np.bool_]
 
@@ -43,8 +44,8 @@ def roomiest_places(grid: OccupancyGrid, cells: IndexArray) -> tuple[FloatArray,
     if len(cells) == 0:
         return places[:, 0], np.zeros(0)
     walls = grid.walls_near(places.reshape(-1, 2))
-    # a single reading may be a centimetre off; on a surface the next one lies beside it
-    room = walls.query(places.reshape(-1, 2), k=[2])[0].reshape(len(cells), len(shifts))
+    nearest, next_m = walls.query(places.reshape(-1, 2), k=2)[0].T
+    room = np.minimum(next_m, nearest + STRAY_M).reshape(len(cells), len(shifts))
     each, best = np.arange(len(cells)), room.argmax(axis=1)
     return places[each, best], room[each, best]
 

@@ -22,9 +22,10 @@ from ins_robot.config import MapConfig, SlamConfig
 from ins_robot.estimation import joint_alignment
 from ins_robot.estimation.joint_alignment import align_jointly
 from ins_robot.estimation.node_map import NodeMap
+from ins_robot.estimation.pose_graph import PoseGraph
 from ins_robot.estimation.slam import Slam
 from ins_robot.geometry.angles import wrap_rad
-from ins_robot.geometry.pose2 import Pose2, compose
+from ins_robot.geometry.pose2 import Pose2, between, compose
 from ins_robot.mapping.surfels import surfels_of_scan
 
 BEARING_STD_RAD = math.radians(0.5)
@@ -108,10 +109,11 @@ def test_it_is_equivariant_under_rigid_motion():
     assert np.abs(wrap_rad(off[:, 2])).max() < math.radians(0.3)
 
 
-def test_scans_that_see_nothing_alike_stay():
+@pytest.mark.parametrize("apart_m", [7.5, 40.0])  # beside one another, and out of reach
+def test_scans_that_see_nothing_alike_stay(apart_m):
     """Two rooms that no scan links: not a pose changes by a bit."""
-    apart = np.array([(0.0, 0.0, 0.0), (40.0, 0.0, 0.0)])
-    aside = np.array([40.0, 0.0, 40.0, 0.0])
+    apart = np.array([(0.0, 0.0, 0.0), (apart_m, 0.0, 0.0)])
+    aside = np.array([apart_m, 0.0, apart_m, 0.0])
     walls = np.concatenate([ROOM, ROOM + aside])
     nodes = placed(apart, true=apart, walls=walls)
     graph = nodes.graph
@@ -124,10 +126,42 @@ def test_a_round_that_tears_the_map_is_taken_back(monkeypatch):
     rng = np.random.default_rng(5)
     beside = IN_ROOM + rng.normal(0.0, (0.03, 0.03, 0.01), IN_ROOM.shape)
     nodes = placed(beside)
-    monkeypatch.setattr(joint_alignment, "COST_GROWTH_MAX", 0.01)
+    monkeypatch.setattr(joint_alignment, "FIT_KEPT_MIN", 100.0)
     assert not align_jointly(nodes)
     assert np.array_equal(nodes.graph.poses, beside)
     assert nodes.graph.edge_count == len(beside) - 1
+
+
+def test_equations_without_an_answer_leave_the_map(monkeypatch):
+    nodes = placed(IN_ROOM)
+    graph = nodes.graph
+
+    def unsolved(self):
+        raise RuntimeError("Factor is exactly singular")
+
+    monkeypatch.setattr(PoseGraph, "relax", unsolved)
+    assert not align_jointly(nodes)
+    assert nodes.graph is graph
+
+
+def test_motions_and_directions_stay_in_the_graph():
+    graph = PoseGraph()
+    for pose in IN_ROOM:
+        graph.add_node(pose)
+    told = np.diag([3.0, 4.0, 5.0])
+    graph.add_edge(0, 1, np.array([1.0, 2.0, 0.5]), told, is_motion=True)
+    graph.add_edge(1, 3, np.zeros(3), 1e6 * told)
+    graph.add_edge(0, 4, np.zeros(3), 1e6 * told, is_closure=True)
+    direction = graph.add_direction(0.3)
+    for node in (1, 2):
+        graph.add_sight(node, direction, wrap_rad(IN_ROOM[node, 2] - 0.3) + 0.1, 0.01)
+    other = graph.rematched(np.zeros((0, 2), int), np.zeros((0, 3)), np.zeros((0, 3, 3)))
+    assert other.edge_count == 1
+    other.relax()
+    first, second = between(other.poses[0], other.poses[1]), other.poses[1:3, 2]
+    np.testing.assert_allclose(first[:2], [1.0, 2.0], atol=0.05)  # where the motion led
+    turned = wrap_rad(second - IN_ROOM[1:3, 2] - 0.1)
+    assert abs(wrap_rad(turned[0] - turned[1])) < 1e-3  # both see the direction alike
 
 
 def test_the_robot_goes_with_the_map():

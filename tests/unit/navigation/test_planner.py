@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from exploring import RADIUS_M, bench, grid_of, plan
+from scipy.spatial import cKDTree
 
 from ins_robot.config import LrfConfig, MapConfig
 from ins_robot.geometry.pose2 import Pose2
@@ -183,6 +184,18 @@ def test_one_stray_reading_does_not_close_a_narrow_passage():
     odd = find_squeezes(grid, BODY, np.zeros(grid.shape, bool))
     inside = start.apply(odd.places_m)
     assert (np.abs(inside[:, 0] - stray_x_m) < 0.03).any()
+
+
+def test_a_post_of_one_reading_is_no_stray_one():
+    """A centimetre thick, and so near to a wall that the body does not fit between."""
+    world = plan(6, 4, (0.5, 0.5, 2.5, 3.5), (2.5, 1.8, 2.7, 2.25), (2.7, 0.5, 5.5, 3.5))
+    grid = grid_of(world)
+    post_m = np.array([[2.6, 2.21]])
+    walls = cKDTree(np.concatenate([grid.walls().data, post_m]))
+    grid.walls_near = lambda points_m: walls
+    odd = find_squeezes(grid, BODY, np.zeros(grid.shape, bool))
+    away = np.hypot(*(odd.places_m - post_m).T)
+    assert away.min() > RADIUS_M
 
 
 def test_no_squeeze_is_found_where_the_body_does_not_fit():
