@@ -35,7 +35,10 @@ SLOW_REPLY_TIMEOUTS_S = {  # these draw a picture or take a scan; a Pi 3 takes i
 def _remedy(path: Path) -> str:
     """What to do when the daemon does not answer; the service is the one of the defaults."""
     if str(path) == DaemonConfig().socket:
-        return "systemctl status ins-robot"
+        return (
+            "systemctl status ins-robot; of another configuration: --config F or "
+            "INS_ROBOT_CONFIG"
+        )
     return "start `ins-robot daemon` with this configuration"
 
 

@@ -50,6 +50,9 @@ class Here:
 
     motion: MotionIncrement
 
+    def __str__(self) -> str:
+        return "where it was paused, or a step beside it"
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PutDown:
@@ -58,12 +61,20 @@ class PutDown:
     pose: Pose2
     covariance: FloatArray
 
+    def __str__(self) -> str:
+        at = self.pose
+        degrees = math.degrees(at.heading_rad)
+        return f"put down at x {at.x_m:.2f} m, y {at.y_m:.2f} m, heading {degrees:.0f} deg"
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Unknown:
     """Not known from what has been seen so far."""
 
     why: str
+
+    def __str__(self) -> str:
+        return self.why
 
     def advice(self, pose: Pose2) -> str:
         """One sentence: why, and what to do; the robot was paused at `pose`."""

@@ -22,7 +22,9 @@ def read_zones(path: Path) -> tuple[Zone, ...]:
     except OSError as error:
         raise InputError(f"{path}: {error.strerror}") from None
     except ValueError as error:
-        raise InputError(f"{path}: {error}") from None
+        raise InputError(
+            f"{path}: is no zones.json, as `ins-robot zones add` writes it: {error}"
+        ) from None
 
 
 class ZoneStore:

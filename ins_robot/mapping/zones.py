@@ -61,7 +61,7 @@ def zone_of(value: Any) -> Zone:
         raise InputError(f"zone '{name}': kind must be one of {', '.join(ZoneKind)}")
     if not isinstance(points, list | tuple) or not all(map(_is_point, points)):
         raise InputError(
-            f"zone '{name}': points must be [[x, y], ...] in metres from the start, "
+            f"zone '{name}': points must be pairs x y in metres from the start, "
             f"none beyond {COORDINATE_MAX_M:g} m"
         )
     corners = tuple((float(x), float(y)) for x, y in points)

@@ -53,7 +53,11 @@ class Reach:
                 return GapState.OUTSIDE, "the way there leads outside the boundary"
         if self._leads_to(self._ground("thin"), point_m):
             width_m = 2.0 * self._scene.body.radius_m
-            return GapState.TOO_NARROW, f"the way there is too narrow, robot {width_m:.2f} m"
+            return (
+                GapState.TOO_NARROW,
+                "the way there is too narrow, or not seen from near yet, "
+                f"robot {width_m:.2f} m",
+            )
         return GapState.UNREACHABLE, "no known way leads there"
 
     def _ground(self, kind: str) -> Terrain:

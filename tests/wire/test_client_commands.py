@@ -192,7 +192,9 @@ def test_without_the_service_its_state_is_to_be_asked(
     if Path(DaemonConfig().socket).exists():
         pytest.skip("the robot's own daemon runs here")
     assert main(["status"]) == 1
-    assert "is it running? systemctl status ins-robot\n" in capsys.readouterr().err
+    told = capsys.readouterr().err
+    assert "is it running? systemctl status ins-robot; " in told
+    assert "INS_ROBOT_CONFIG" in told  # or another configuration was meant
 
 
 def test_a_socket_nobody_listens_on_any_more_counts_as_no_daemon(tmp_path: Path) -> None:

@@ -139,7 +139,7 @@ def _lines(report: dict[str, Any]) -> list[str]:
             f"ambiguous {at}: {report['candidates_in_all']} candidates; {fit} the first",
             *rows,
         ]
-    return [f"lost {at}: no place of the map fits; the best has {fit}"]
+    return [f"lost {at}: no place of the map fits; at the best one {fit}"]
 
 
 def _place(values: dict[str, Any]) -> str:
