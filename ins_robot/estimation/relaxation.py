@@ -12,7 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.sparse import coo_matrix
+from scipy.sparse import coo_matrix, csc_matrix
 from scipy.sparse.linalg import splu
 
 from ins_robot.geometry.angles import FloatArray, wrap_rad
@@ -195,11 +195,29 @@ def _linear(state: State, window: Constraints) -> _Linear:
 
 def _step(state: State, window: Constraints, is_free: BoolArray) -> FloatArray:
     """(3 F + D,) step of the F free nodes, then of the directions; zero where all agrees."""
+    equations = _equations(state, window, is_free)  # what they were made of is gone by here
+    if equations is None:
+        return np.zeros(POSE_SIZE * int(is_free.sum()) + len(state.directions_rad))
+    matrix, gradient = equations
+    # positive definite: pivots are taken where the ordering has them, or it would fill up
+    factors = splu(
+        matrix,
+        permc_spec="MMD_AT_PLUS_A",
+        diag_pivot_thresh=0.0,
+        options={"SymmetricMode": True},
+    )
+    return np.asarray(factors.solve(-gradient))
+
+
+def _equations(
+    state: State, window: Constraints, is_free: BoolArray
+) -> tuple[csc_matrix, FloatArray] | None:
+    """Matrix (N, N) and gradient (N,) of such a step; None where all agrees."""
     count, directions = int(is_free.sum()), len(state.directions_rad)
     size = POSE_SIZE * count + directions
     linear = _linear(state, window)
     if max(linear.chi2.max(initial=0.0), linear.sight_chi2.max(initial=0.0)) < CONSISTENT_CHI2:
-        return np.zeros(size)
+        return None
     slot = np.where(is_free, np.cumsum(is_free) - 1, -1).astype(np.int32)
     ends, axis = slot[window.ends].astype(np.int64), np.arange(POSE_SIZE)
     gradient = np.zeros(size)
@@ -240,14 +258,7 @@ def _step(state: State, window: Constraints, is_free: BoolArray) -> FloatArray:
         ),
         shape=(size, size),
     ).tocsc()
-    # positive definite: pivots are taken where the ordering has them, or it would fill up
-    factors = splu(
-        matrix,
-        permc_spec="MMD_AT_PLUS_A",
-        diag_pivot_thresh=0.0,
-        options={"SymmetricMode": True},
-    )
-    return np.asarray(factors.solve(-gradient))
+    return matrix, gradient
 
 
 def _shared(
