@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ins_robot.estimation.node_map import NodeMap
-from ins_robot.estimation.pose_graph import heading_rotations
+from ins_robot.estimation.pose_graph import PoseGraph, heading_rotations
 from ins_robot.estimation.surfel_residuals import (
     FixedPart,
     Slopes,
@@ -37,7 +37,7 @@ DAMPING = 1e-3 * np.diag([1.0, 1.0, 4.0])  # of what a pair does not tell; of it
 
 @dataclass(frozen=True, slots=True)
 class _Pairs:
-    """What pairs of scans say of their two nodes; and how many readings lie on the map."""
+    """What a scan and those under it say of their nodes; how many of its readings lie there."""
 
     ends: IntArray  # (E, 2) the node that was laid on, and the one that was laid
     measured: FloatArray  # (E, 3) the second as seen from the first
@@ -53,38 +53,38 @@ def align_jointly(nodes: NodeMap) -> bool:
     """
     before, fit = nodes.graph, 0.0
     for width in KERNEL_WIDTHS:
-        pairs = _laid_pairs(nodes, width)
-        is_torn = pairs is None or pairs.fit < FIT_KEPT_MIN * fit
-        if pairs is None or is_torn or not _relaxed_by(pairs, nodes):
+        laid = _laid_on_one_another(nodes, width)
+        if laid is None or laid[1] < FIT_KEPT_MIN * fit or not _is_relaxed(laid[0]):
             nodes.graph = before
             return False
-        fit = pairs.fit
+        nodes.graph, fit = laid
     return True
 
 
-def _relaxed_by(pairs: _Pairs, nodes: NodeMap) -> bool:
-    """Whether the graph with these pairs instead of its matches could be relaxed."""
-    graph = nodes.graph.rematched(pairs.ends, pairs.measured, pairs.information)
+def _is_relaxed(graph: PoseGraph) -> bool:
+    """Whether a graph could be relaxed, which it is then."""
     try:
         graph.relax()
     except (np.linalg.LinAlgError, RuntimeError):  # scipy: "Factor is exactly singular"
         return False
-    nodes.graph = graph
     return bool(np.isfinite(graph.poses).all())
 
 
-def _laid_pairs(nodes: NodeMap, width: float) -> _Pairs | None:
-    """All scans, each laid on those of the nodes around it; None when none lies on another."""
+def _laid_on_one_another(nodes: NodeMap, width: float) -> tuple[PoseGraph, float] | None:
+    """The graph with what pairs of scans say as its matches, and how many readings lie well.
+
+    Not relaxed. None when no scan lies on another one.
+    """
     laid = [_laid(nodes, node, width) for node in range(len(nodes))]
     pairs = [one for one in laid if one is not None]
     if sum(len(one.ends) for one in pairs) == 0:
         return None
-    return _Pairs(
-        ends=np.concatenate([one.ends for one in pairs]),
-        measured=np.concatenate([one.measured for one in pairs]),
-        information=np.concatenate([one.information for one in pairs]),
-        fit=sum(one.fit for one in pairs),
+    graph = nodes.graph.rematched(
+        np.concatenate([one.ends for one in pairs]),
+        np.concatenate([one.measured for one in pairs]),
+        np.concatenate([one.information for one in pairs]),
     )
+    return graph, sum(one.fit for one in pairs)
 
 
 def _laid(nodes: NodeMap, node: int, width: float) -> _Pairs | None:
