@@ -144,7 +144,7 @@ class Explorer:
             moved = Pose2.from_array(pose)
             if moved.distance_m(node.pose) > MOVED_M:
                 self._ledger.forget()
-            node.pose = moved
+            self.graph.move(node.index, moved)
 
     def decide(self, pose: Pose2, grid: OccupancyGrid) -> Drive | Finished:
         """Steps 03 and 04: where next from `pose` (map_from_base), and how."""

@@ -33,7 +33,7 @@ class Node:
     index : int
         Place in the order of traversal; `id` is the caller's name for it.
     pose : Pose2
-        map_from_base; changes when SLAM moves the node.
+        map_from_base; changes when SLAM moves the node (`NodeGraph.move`).
     sector : (centre_rad, half_width_rad)
         What the scan looked at, about the base's x axis.
     bearings_rad, ranges_m : (B,) float64
@@ -97,6 +97,7 @@ class NodeGraph:
     def __init__(self) -> None:
         self.nodes: list[Node] = []
         self._edges_m = np.zeros((64, 64))  # 0: no edge
+        self._positions_m: FloatArray | None = None  # asked for five times a decision
 
     def __len__(self) -> int:
         return len(self.nodes)
@@ -106,6 +107,7 @@ class NodeGraph:
         if node.index != len(self.nodes):
             raise StateError(f"node {node.id}: index {node.index}, next is {len(self.nodes)}")
         self.nodes.append(node)
+        self._positions_m = None
         if len(self.nodes) > len(self._edges_m):
             grown = np.zeros((2 * len(self._edges_m),) * 2)
             grown[: len(self._edges_m), : len(self._edges_m)] = self._edges_m
@@ -118,9 +120,18 @@ class NodeGraph:
         self.nodes[b].neighbours[a] = self.nodes[a].neighbours[b]
         self._edges_m[a, b] = self._edges_m[b, a] = self.nodes[a].neighbours[b]
 
+    def move(self, index: int, pose: Pose2) -> None:
+        """SLAM knows better where a node is."""
+        self.nodes[index].pose = pose
+        self._positions_m = None
+
     def positions_m(self) -> FloatArray:
-        """(K, 2) map frame."""
-        return np.array([[n.pose.x_m, n.pose.y_m] for n in self.nodes]).reshape(-1, 2)
+        """(K, 2) map frame; read-only."""
+        if self._positions_m is None:
+            places = [[node.pose.x_m, node.pose.y_m] for node in self.nodes]
+            self._positions_m = np.array(places, float).reshape(-1, 2)
+            self._positions_m.flags.writeable = False
+        return self._positions_m
 
     def driven_m(
         self, low_m: FloatArray | float = -math.inf, high_m: FloatArray | float = math.inf
