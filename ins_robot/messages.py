@@ -16,6 +16,8 @@ import numpy as np
 from ins_robot.geometry.angles import FloatArray
 from ins_robot.geometry.pose2 import Pose2
 
+REPEATED_UNKNOWN = 9.0  # of odometry that nobody has looked into
+
 
 def _freeze(*arrays: np.ndarray | None) -> None:
     for array in arrays:
@@ -126,7 +128,7 @@ class MotionIncrement:
     to_stamp_s: float
     delta: Pose2
     covariance: FloatArray
-    repeated: float = 9.0  # for odometry that nobody has looked into
+    repeated: float = REPEATED_UNKNOWN
 
     def __post_init__(self) -> None:
         _freeze(self.covariance)

@@ -2,9 +2,11 @@
 """Loop closures: the robot is back at a place that it knows by another way.
 
 Candidates are nodes near enough for the drift since, but not linked to the present ones. The
-scan is searched for in their local map, aligned, and must fit well, be unambiguous, and be
-confirmed by the next nodes' closures, since a false closure is worse than none. Old nodes that
-are linked are rechecked on their own the same way: a loop closed a little wrong pulls straight.
+scan is searched for in their local map, aligned, and must fit well as far as they know the
+place, be unambiguous, and be confirmed by the next nodes' closures, since a false closure is
+worse than none. The more of them say the same, the more the rest of the graph may pay for it:
+a scan that was laid wrong on the way is overruled. Old nodes that are linked are rechecked on
+their own the same way: a loop closed a little wrong pulls straight.
 """
 
 from __future__ import annotations
@@ -17,7 +19,7 @@ import numpy as np
 from ins_robot.estimation.node_map import LINK_RADIUS_M, NodeMap
 from ins_robot.estimation.scan_matching import Alignment, align, search
 from ins_robot.geometry.angles import FloatArray, wrap_rad
-from ins_robot.geometry.pose2 import compose, inverse
+from ins_robot.geometry.pose2 import compose, inverse, transform_points
 from ins_robot.mapping.occupancy_grid import IntArray
 from ins_robot.mapping.surfels import Surfels
 
@@ -27,10 +29,16 @@ DRIFT_MAX_M = 2.5
 TURN_RAD = math.radians(4.0)
 TURN_PER_M = math.radians(0.3)
 TURN_MAX_RAD = math.radians(20.0)
+FAR_M = 50.0  # after so long a way, where nothing is found so near, it is looked ...
+FAR_DRIFT_PER_M = 0.06
+FAR_DRIFT_MAX_M = 5.0  # ... this far
+FAR_TURN_RAD = math.radians(25.0)
 NEAR_M = 3.0  # a scan that near to the old nodes must see what they saw
-VALUE_MIN = 0.5
+VALUE_MIN = 0.35
 RIVAL_RATIO_MAX = 0.92
-INLIER_SHARE_MIN = 0.6
+INLIER_SHARE_MIN = 0.4
+INLIER_SHARE_PLAIN = 0.6  # with less of the scan on the map, what old scans saw must agree
+KNOWN_SHARE_MIN = 0.8
 INLIERS_MIN = 30
 STD_MAX_M = 0.06  # of the weakest direction: a closure that slides is none
 CONFIRMATIONS = 2  # later closures that must agree
@@ -42,7 +50,7 @@ RECHECK_NODES_MIN = 2
 RECHECK_EVERY = 3  # nodes; every one while a closure waits for confirmation
 RECHECK_M = 0.4
 RECHECK_RAD = math.radians(4.0)
-COST_MAX = 30.0  # chi-squared that closing a loop may cost; true ones took up to 15, false 76
+COST_EACH = 10.0  # chi-squared that a loop may cost for each that says so: true ones up to 15
 SETTLED_M = 0.02
 SETTLED_RAD = math.radians(0.4)
 EVIDENT_MOVE_M = 0.5
@@ -80,59 +88,90 @@ class Closure:
         )
 
 
-def accepted(closures: list[Closure], nodes: NodeMap) -> list[Closure]:
-    """Link what closures say and relax the graph, or leave it as it was: then none.
+@dataclass(slots=True)
+class Train:
+    """Closures in a row that correct the map alike; the cost for which they were refused."""
 
-    A loop that drifted lets itself be closed at little cost. Where one part of a corridor was
-    taken for another, all edges of the way there have to be stretched beyond what they know.
-    Closures that are settled are linked, but nothing needs to move for them.
-    """
-    if all(closure.is_settled for closure in closures):
-        _link(closures, nodes)
-        return closures
-    graph = nodes.graph
-    before = graph.checkpoint()
-    cost = graph.cost(before.edges)
-    _link(closures, nodes)
-    graph.relax(firm_from=before.edges)
-    if graph.cost(before.edges) - cost > COST_MAX:
+    closures: list[Closure]
+    refused_cost: float = 0.0
+
+    @property
+    def is_ripe(self) -> bool:
+        """Whether enough of them confirm each other to be tried, again if they were refused."""
+        is_confirmed = len(self.closures) > CONFIRMATIONS or self.closures[-1].is_evident
+        return is_confirmed and self.refused_cost <= self._cost_max
+
+    @property
+    def _cost_max(self) -> float:
+        return COST_EACH * max(len(self.closures), CONFIRMATIONS + 1)
+
+    def close(self, nodes: NodeMap) -> bool:
+        """Link what they say and relax the graph, or leave it as it was: then False.
+
+        A loop that drifted lets itself be closed at little cost. Where one part of a corridor
+        was taken for another, all edges of the way there have to be stretched beyond what they
+        know. Closures that are settled are linked, but nothing needs to move for them.
+        """
+        if all(closure.is_settled for closure in self.closures):
+            self._link(nodes)
+            return True
+        graph = nodes.graph
+        before = graph.checkpoint()
+        cost = graph.cost(before.edges)
+        self._link(nodes)
+        graph.relax(firm_from=before.edges)
+        cost = graph.cost(before.edges) - cost
+        if cost <= self._cost_max:
+            return True
         graph.restore(before)
-        return []
-    return closures
+        self.refused_cost = cost
+        return False
 
-
-def _link(closures: list[Closure], nodes: NodeMap) -> None:
-    for closure in closures:
-        nodes.link_match(closure.node, closure.pose, closure.match, is_closure=True)
+    def _link(self, nodes: NodeMap) -> None:
+        for closure in self.closures:
+            nodes.link_match(closure.node, closure.pose, closure.match, is_closure=True)
 
 
 class LoopCloser:
-    """Finds closures node by node and releases them once they confirm each other."""
+    """Finds closures node by node and closes the loop once they confirm each other."""
 
     def __init__(self) -> None:
-        self.attempts = 0
-        self._pending: list[Closure] = []
+        self._trains: list[Train] = []
 
     def forget(self) -> None:
         """The map has moved by more than closures: what waits to be confirmed is void."""
-        self._pending = []
+        self._trains = []
 
-    def look(self, nodes: NodeMap, node: int, linked: IntArray, scan: Surfels) -> list[Closure]:
-        """Closures that are certain now; most times none."""
+    def close(self, nodes: NodeMap, node: int, linked: IntArray, scan: Surfels) -> bool:
+        """Whether a loop was closed by what `node` sees, and the map has moved; mostly not."""
         found = self._search(nodes, node, linked, scan) or self._recheck(
             nodes, node, linked, scan
         )
-        self._pending = [c for c in self._pending if node - c.node <= PATIENCE]
+        self._trains = [t for t in self._trains if node - t.closures[-1].node <= PATIENCE]
         if found is None:
-            return []
+            return False
         if found.is_settled:
-            return [found]
-        agreeing = [c for c in self._pending if _agree(c, found)]
-        self._pending.append(found)
-        if len(agreeing) < CONFIRMATIONS and not found.is_evident:
-            return []
-        self._pending = []
-        return [*agreeing, found]
+            Train([found]).close(nodes)
+            return False
+        train = self._joined(found)
+        if not (train.is_ripe and train.close(nodes)):
+            return False
+        self._trains = []
+        return True
+
+    def _joined(self, found: Closure) -> Train:
+        """The train that a closure goes on with; all that agree with it become one."""
+        agreeing: list[Train] = []
+        others: list[Train] = []
+        for train in self._trains:
+            is_alike = any(_agree(closure, found) for closure in train.closures)
+            (agreeing if is_alike else others).append(train)
+        joined = Train(
+            [*(closure for train in agreeing for closure in train.closures), found],
+            max((train.refused_cost for train in agreeing), default=0.0),
+        )
+        self._trains = [*others, joined]
+        return joined
 
     def _search(
         self, nodes: NodeMap, node: int, linked: IntArray, scan: Surfels
@@ -149,22 +188,28 @@ class LoopCloser:
         centre = int(np.flatnonzero(is_candidate)[np.argmin(distance[is_candidate])])
         is_near = nodes.near(pose, LINK_RADIUS_M)
         is_near[linked] = False
-        half_turn = min(TURN_RAD + TURN_PER_M * float(driven_m[centre]), TURN_MAX_RAD)
+        driven = float(driven_m[centre])
+        windows = [
+            (float(drift[centre]), min(TURN_RAD + TURN_PER_M * driven, TURN_MAX_RAD)),
+        ]
+        if driven > FAR_M:
+            far_m = min(DRIFT_M + FAR_DRIFT_PER_M * driven, FAR_DRIFT_MAX_M)
+            windows.append((far_m, FAR_TURN_RAD))
         candidates = nodes.graph.linked(np.array([centre]), is_near)
-        return self._fit(nodes, node, candidates, scan, float(drift[centre]), half_turn)
+        return self._fit(nodes, node, candidates, scan, windows)
 
     def _recheck(
         self, nodes: NodeMap, node: int, linked: IntArray, scan: Surfels
     ) -> Closure | None:
         """Where the old part of the linked map, taken alone, puts the node."""
-        if node % RECHECK_EVERY and not self._pending:
+        if node % RECHECK_EVERY and not self._trains:
             return None
         driven_m = nodes.travelled_m[node] - nodes.travelled_m[linked]
         is_near = nodes.near(nodes.graph.poses[node], RECHECK_RADIUS_M)[linked]
         old = linked[(driven_m > OLD_M) & is_near]
         if len(old) < RECHECK_NODES_MIN:
             return None
-        return self._fit(nodes, node, old, scan, RECHECK_M, RECHECK_RAD)
+        return self._fit(nodes, node, old, scan, [(RECHECK_M, RECHECK_RAD)])
 
     def _fit(
         self,
@@ -172,20 +217,25 @@ class LoopCloser:
         node: int,
         candidates: IntArray,
         scan: Surfels,
-        half_width_m: float,
-        half_turn_rad: float,
+        windows: list[tuple[float, float]],
     ) -> Closure | None:
+        """Where the scan fits the map of the candidates, in the first window that has it."""
         pose = nodes.graph.poses[node].copy()
         field = nodes.local_field(candidates, pose)
         if field is None:
             return None
-        self.attempts += 1
-        best = search(field, scan, pose, half_width_m, half_turn_rad)
+        for half_width_m, half_turn_rad in windows:
+            best = search(field, scan, pose, half_width_m, half_turn_rad)
+            if best.value >= VALUE_MIN:
+                break
         if best.value < VALUE_MIN or best.rival_value > RIVAL_RATIO_MAX * best.value:
             return None
         # a prior too weak to decide anything, only to keep the equations regular
         match = align(field, scan, best.pose[None], best.pose, np.diag([4.0, 4.0, 30.0]))
         if match.inlier_share < INLIER_SHARE_MIN or match.inliers < INLIERS_MIN:
+            return None
+        is_plain = match.inlier_share >= INLIER_SHARE_PLAIN
+        if not is_plain and _known_share(nodes, candidates, scan, match) < KNOWN_SHARE_MIN:
             return None
         weakest = float(np.linalg.eigvalsh(match.information[:2, :2])[0])
         if weakest < 1.0 / STD_MAX_M**2:
@@ -200,6 +250,16 @@ class LoopCloser:
             turned_rad=abs(wrap_rad(float(match.pose[2] - pose[2]))),
             rival_ratio=best.rival_value / best.value,
         )
+
+
+def _known_share(
+    nodes: NodeMap, candidates: IntArray, scan: Surfels, match: Alignment
+) -> float:
+    """Share of the readings on the map, of all that are there or that old scans saw past."""
+    candidates = candidates[nodes.near(match.pose, LINK_RADIUS_M)[candidates]]
+    others = transform_points(match.pose, scan.points_m[~match.is_inlier])
+    denied = int(nodes.seen_past(candidates, others).sum())
+    return match.inliers / (match.inliers + denied)
 
 
 def _agree(one: Closure, other: Closure) -> bool:

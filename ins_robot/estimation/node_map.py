@@ -30,6 +30,8 @@ EDGES_PER_NODE = 4
 SURFEL_SPACING_M = 0.03
 MATCHED_ODOMETRY_WORTH = 0.01
 MOTION_VARIANCE_MIN = np.diag([1e-6, 1e-6, 1e-7])
+SECTORS = 180  # of what a scan saw around it
+PAST_M = 0.3  # a point this far before all that a scan saw there was not there
 BEHIND_M = 0.15  # surfaces seen from behind by more than this are the other side of a wall
 
 
@@ -149,6 +151,19 @@ class NodeMap:
         surfels = self._seen_around(np.sort(nodes), pose)
         return LikelihoodField(surfels) if len(surfels) else None
 
+    def seen_past(self, nodes: IntArray, points_m: FloatArray) -> BoolArray:
+        """(N,) bool: points (N, 2), map frame, which a scan of `nodes` saw past: not there."""
+        rows, counts = self._rows(nodes)
+        sectors, range_m = _polar(self._points.all.take(rows, axis=0))
+        horizon_m = np.full((len(nodes), SECTORS), np.inf)
+        np.minimum.at(horizon_m, (np.repeat(np.arange(len(nodes)), counts), sectors), range_m)
+        beside_m = np.minimum(np.roll(horizon_m, 1, axis=1), np.roll(horizon_m, -1, axis=1))
+        horizon_m = np.where(np.isinf(horizon_m), 0.0, np.minimum(horizon_m, beside_m))
+        off_m = points_m - self.graph.poses[nodes, None, :2]
+        sectors, range_m = _polar(off_m, self.graph.poses[nodes, None, 2])
+        ends_m = np.take_along_axis(horizon_m, sectors, axis=1)
+        return np.asarray((range_m < ends_m - PAST_M).any(axis=0))
+
     def _seen_around(self, nodes: IntArray, pose: FloatArray) -> Surfels:
         """Surfels of those nodes, map frame: near `pose`, and not seen from behind there."""
         rows, counts = self._rows(nodes)
@@ -187,6 +202,15 @@ def _turned(c: FloatArray, s: FloatArray, vectors: FloatArray) -> tuple[FloatArr
     """(N,) x and y of vectors (N, 2), turned by the headings with that cosine and sine."""
     x, y = vectors.T
     return c * x - s * y, s * x + c * y
+
+
+def _polar(
+    points_m: FloatArray, heading_rad: FloatArray | float = 0.0
+) -> tuple[IntArray, FloatArray]:
+    """Sector of the horizon and range of points (..., 2) seen with a heading."""
+    x, y = points_m[..., 0], points_m[..., 1]
+    turns = (np.arctan2(y, x) - heading_rad) / (2.0 * np.pi)
+    return np.floor(SECTORS * turns).astype(np.int64) % SECTORS, np.hypot(x, y)
 
 
 def way_m(motion: MotionIncrement) -> float:

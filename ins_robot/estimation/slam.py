@@ -18,9 +18,10 @@ import numpy as np
 from ins_robot.config import MapConfig, SlamConfig
 from ins_robot.estimation.estimators import make_estimator
 from ins_robot.estimation.joint_alignment import align_jointly
-from ins_robot.estimation.loop_closing import LoopCloser, accepted
+from ins_robot.estimation.loop_closing import LoopCloser
 from ins_robot.estimation.motion_model import chain, turned
 from ins_robot.estimation.node_map import MATCH_RADIUS_M, SURFEL_SPACING_M, Node, NodeMap, way_m
+from ins_robot.estimation.odometry_trust import Innovation
 from ins_robot.estimation.placement import ANY_PLACE, INLIERS_MIN, fits_at, place
 from ins_robot.estimation.protocol import Correction, Observation
 from ins_robot.estimation.rendered_map import RenderedMap
@@ -88,12 +89,14 @@ class Slam:
         self.loop_closures = 0
         self.map_moves = 0  # how often the graph was relaxed
         self.is_located = False  # whether the last scan was laid on the map
+        self.innovation: Innovation | None = None  # what that said of the motion
         self.was_astray = False  # and far from where the motion had led
 
     def step(
         self, scan: LaserScan, motion: MotionIncrement, keep: Keep = Keep.APART
     ) -> PoseEstimate:
         """Take in a scan and the motion since the last one; `keep` it as a node or not."""
+        before, covariance = self._estimator.pose(), self._estimator.covariance()
         self._estimator.predict(motion)
         self._remember(motion)
         surfels = self._surfels(scan)
@@ -101,6 +104,9 @@ class Slam:
         correction = self._correct(scan, thinned)
         match = None if correction is None else correction.match
         self.is_located = correction is not None
+        self.innovation = (
+            None if match is None else Innovation.of(match, before, covariance, motion)
+        )
         doubt = None if correction is None else correction.doubt
         self.was_astray = doubt is not None
         if doubt is not None:
@@ -351,12 +357,9 @@ class Slam:
     def _close_loops(self, node: int, surfels: Surfels) -> bool:
         """Whether a loop was closed, and the graph relaxed."""
         self._linked = self._nodes.linked(self._linked, self._nodes.graph.poses[node])
-        closures = self._closer.look(self._nodes, node, self._linked, surfels)
-        closures = accepted(closures, self._nodes)
-        if all(closure.is_settled for closure in closures):
-            return False
-        self.loop_closures += 1
-        return True
+        is_closed = self._closer.close(self._nodes, node, self._linked, surfels)
+        self.loop_closures += is_closed
+        return is_closed
 
     def _anchor(self, stamp_s: float) -> None:
         if len(self._nodes) == 0:

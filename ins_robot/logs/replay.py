@@ -17,6 +17,7 @@ from ins_robot.core.run_result import RunResult, RunState, path_length_m
 from ins_robot.core.trajectory import Anchor, correct
 from ins_robot.errors import InputError
 from ins_robot.estimation.motion_habit import MotionHabit
+from ins_robot.estimation.odometry_trust import OdometryTrust
 from ins_robot.estimation.slam import Keep, Slam
 from ins_robot.geometry.angles import FloatArray
 from ins_robot.geometry.pose2 import Pose2
@@ -56,7 +57,7 @@ def replay_log(
     """
     begun_s = clock()
     slam = Slam(config.slam, config.map, log.base_from_lrf, rng, log.range_trusted_m)
-    habit = None if log.has_odometry else MotionHabit()
+    habit: MotionHabit | OdometryTrust = OdometryTrust() if log.has_odometry else MotionHabit()
     slam_ms: list[float] = []
     scan_rows: list[int] = []
     is_cut = False
@@ -66,9 +67,10 @@ def replay_log(
             break
         step_begun_s = clock()
         before = slam.pose
-        motion = habit.expect(step.motion) if habit else step.motion
-        slam.step(step.scan, motion, Keep.NEW)
-        if habit and slam.is_located:
+        slam.step(step.scan, habit.expect(step.motion), Keep.NEW)
+        if isinstance(habit, OdometryTrust):
+            habit.learn(step.motion, slam.innovation)
+        elif slam.is_located:
             habit.learn(before.between(slam.pose))
         slam_ms.append(1e3 * (clock() - step_begun_s))
         scan_rows.append(step.row)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from ins_robot.geometry.angles import FloatArray
 from ins_robot.geometry.pose2 import Pose2
-from ins_robot.mapping.map_files import GridView, TernaryMap
+from ins_robot.mapping.map_files import BoolArray, GridView, TernaryMap
 from ins_robot.mapping.palette import MIST, NIGHT, WHITE
 from ins_robot.mapping.png_file import png_file
 from ins_robot.mapping.zones import Zone
@@ -26,7 +26,8 @@ from ins_robot.mapping.zones import Zone
 if TYPE_CHECKING:
     from PIL.Image import Image
 
-LONG_SIDE_PX = 1600  # cells are scaled up to about this
+LONG_SIDE_PX = 1600  # cells are scaled up to about this ...
+LONG_SIDE_MAX_PX = 3200  # ... and a map of more cells down to less than this
 WIDTH_MIN_PX = 640  # below this the footer has no room; unknown space is added
 SCALE_MAX = 14
 MARGIN_M = 0.4
@@ -80,7 +81,10 @@ class MapPicture:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Frame:
-    """Map metres to picture pixels: x to the right, y up, a whole number of pixels a cell."""
+    """Map metres to picture pixels: x to the right, y up, a whole number of pixels a cell.
+
+    Or of cells a pixel, in a picture of a large map.
+    """
 
     left_m: float
     top_m: float
@@ -120,8 +124,7 @@ def draw_map(picture: MapPicture) -> Image:
 
     from ins_robot.mapping.picture_marks import draw_footer, draw_marks, footer_px
 
-    cells, frame = _cells_and_frame(picture)
-    scale = round(frame.px_per_m * picture.grid.resolution_m)
+    cells, scale, frame = _cells_and_frame(picture)
     size = (cells.shape[1] * scale, cells.shape[0] * scale)
     image = PilImage.new("RGB", (size[0], size[1] + footer_px(size[0])), _FREE)
     image.paste(PilImage.fromarray(cells).resize(size, PilImage.Resampling.NEAREST), (0, 0))
@@ -130,10 +133,11 @@ def draw_map(picture: MapPicture) -> Image:
     return image
 
 
-def _cells_and_frame(picture: MapPicture) -> tuple[NDArray[np.uint8], Frame]:
-    """Colours (H, W, 3) of the part to show, first row = top, and where it lies."""
-    resolution_m = picture.grid.resolution_m
+def _cells_and_frame(picture: MapPicture) -> tuple[NDArray[np.uint8], int, Frame]:
+    """Colours (H, W, 3) of the part to show, first row = top; pixels a cell; where it lies."""
     shown = _part_to_show(picture)
+    shown = _shrunk(shown, -(-max(shown.is_free.shape) // LONG_SIDE_MAX_PX))
+    resolution_m = shown.resolution_m
     height, width = shown.is_free.shape
     scale = min(SCALE_MAX, max(1, round(LONG_SIDE_PX / max(height, width))))
     spare = max(0, -(-WIDTH_MIN_PX // scale) - width)
@@ -149,7 +153,27 @@ def _cells_and_frame(picture: MapPicture) -> tuple[NDArray[np.uint8], Frame]:
         top_m=shown.origin_m[1] + height * resolution_m,
         px_per_m=scale / resolution_m,
     )
-    return np.ascontiguousarray(cells[::-1]), frame
+    return np.ascontiguousarray(cells[::-1]), scale, frame
+
+
+def _shrunk(shown: TernaryMap, by: int) -> TernaryMap:
+    """`by` x `by` cells as one, occupied if any is: walls are thinner than that."""
+    if by == 1:
+        return shown
+    height, width = shown.is_free.shape
+    pad = ((0, -height % by), (0, -width % by))
+
+    def any_of(cells: BoolArray) -> BoolArray:
+        rows, cols = (side // by for side in (height + pad[0][1], width + pad[1][1]))
+        blocks = np.pad(cells, pad).reshape(rows, by, cols, by)
+        return np.asarray(blocks.any(axis=(1, 3)))
+
+    return TernaryMap(
+        resolution_m=by * shown.resolution_m,
+        origin_m=shown.origin_m,
+        is_occupied=any_of(shown.is_occupied),
+        is_free=any_of(shown.is_free),
+    )
 
 
 def _part_to_show(picture: MapPicture) -> TernaryMap:

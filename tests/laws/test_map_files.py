@@ -205,6 +205,23 @@ def test_things_are_drawn_where_they_are():
     )
 
 
+def test_a_large_map_is_drawn_smaller_and_loses_no_wall():
+    is_free, is_occupied = np.ones((2, 2500, 3300), bool)
+    is_occupied[:] = False
+    is_occupied[:, 1001] = is_occupied[2000, :] = True
+    grid = TernaryMap(
+        resolution_m=0.05,
+        origin_m=(-1.3, 2.7),
+        is_occupied=is_occupied,
+        is_free=is_free & ~is_occupied,
+    )
+    drawn = np.asarray(draw_map(MapPicture(grid=grid)))
+    assert drawn.shape[1] <= 3300 / 2 + 20
+    is_wall = (drawn == palette.NIGHT).all(axis=-1)
+    assert is_wall.any(axis=0).mean() > 0.95
+    assert is_wall[:1200].any(axis=1).mean() > 0.95
+
+
 def test_start_and_robot_are_both_seen_where_the_robot_has_come_home():
     way = np.array([[0.0, 0.0], [1.0, 0.5], [0.0, 0.0]])
     drawn = np.asarray(draw_map(MapPicture(grid=room(), way_m=way, robot=Pose2())))[:-FOOTER]
