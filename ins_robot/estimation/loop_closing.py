@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -34,10 +35,7 @@ FAR_DRIFT_PER_M = 0.06
 FAR_DRIFT_MAX_M = 5.0  # ... this far
 FAR_TURN_RAD = math.radians(25.0)
 NEAR_M = 3.0  # a scan that near to the old nodes must see what they saw
-VALUE_MIN = 0.35
 RIVAL_RATIO_MAX = 0.92
-INLIER_SHARE_MIN = 0.4
-INLIER_SHARE_PLAIN = 0.6  # with less of the scan on the map, what old scans saw must agree
 KNOWN_SHARE_MIN = 0.8
 INLIERS_MIN = 30
 STD_MAX_M = 0.06  # of the weakest direction: a closure that slides is none
@@ -58,6 +56,17 @@ EVIDENT_INLIER_SHARE = 0.85
 EVIDENT_INLIERS = 120
 EVIDENT_RIVAL_RATIO = 0.8
 PATIENCE = 4  # nodes within which they must
+
+
+class Demand(NamedTuple):
+    """How much of a scan must lie on the old nodes' map."""
+
+    value_min: float
+    inlier_share_min: float
+
+
+PLAIN = Demand(0.5, 0.6)
+PARTLY = Demand(0.35, 0.4)  # the rest must be what the old scans did not see past
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -196,7 +205,7 @@ class LoopCloser:
             far_m = min(DRIFT_M + FAR_DRIFT_PER_M * driven, FAR_DRIFT_MAX_M)
             windows.append((far_m, FAR_TURN_RAD))
         candidates = nodes.graph.linked(np.array([centre]), is_near)
-        return self._fit(nodes, node, candidates, scan, windows)
+        return self._fit(nodes, node, candidates, scan, windows, PARTLY)
 
     def _recheck(
         self, nodes: NodeMap, node: int, linked: IntArray, scan: Surfels
@@ -209,7 +218,7 @@ class LoopCloser:
         old = linked[(driven_m > OLD_M) & is_near]
         if len(old) < RECHECK_NODES_MIN:
             return None
-        return self._fit(nodes, node, old, scan, [(RECHECK_M, RECHECK_RAD)])
+        return self._fit(nodes, node, old, scan, [(RECHECK_M, RECHECK_RAD)], PLAIN)
 
     def _fit(
         self,
@@ -218,6 +227,7 @@ class LoopCloser:
         candidates: IntArray,
         scan: Surfels,
         windows: list[tuple[float, float]],
+        demand: Demand,
     ) -> Closure | None:
         """Where the scan fits the map of the candidates, in the first window that has it."""
         pose = nodes.graph.poses[node].copy()
@@ -226,15 +236,17 @@ class LoopCloser:
             return None
         for half_width_m, half_turn_rad in windows:
             best = search(field, scan, pose, half_width_m, half_turn_rad)
-            if best.value >= VALUE_MIN:
+            if best.value >= demand.value_min:
                 break
-        if best.value < VALUE_MIN or best.rival_value > RIVAL_RATIO_MAX * best.value:
+        if best.value < demand.value_min:
+            return None
+        if best.rival_value > RIVAL_RATIO_MAX * best.value:
             return None
         # a prior too weak to decide anything, only to keep the equations regular
         match = align(field, scan, best.pose[None], best.pose, np.diag([4.0, 4.0, 30.0]))
-        if match.inlier_share < INLIER_SHARE_MIN or match.inliers < INLIERS_MIN:
+        if match.inlier_share < demand.inlier_share_min or match.inliers < INLIERS_MIN:
             return None
-        is_plain = match.inlier_share >= INLIER_SHARE_PLAIN
+        is_plain = match.inlier_share >= PLAIN.inlier_share_min
         if not is_plain and _known_share(nodes, candidates, scan, match) < KNOWN_SHARE_MIN:
             return None
         weakest = float(np.linalg.eigvalsh(match.information[:2, :2])[0])
