@@ -205,9 +205,9 @@ class Slam:
             return
         node = self.anchors[-1].node_id
         before = self._nodes.graph.poses[node].copy()
+        self._field = None  # it may not hold any more, and its memory is wanted
         if align_jointly(self._nodes):
             self._map_moved(node, before)
-            self._field = None
             self._closer.forget()
 
     @property

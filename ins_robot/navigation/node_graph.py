@@ -97,7 +97,9 @@ class NodeGraph:
     def __init__(self) -> None:
         self.nodes: list[Node] = []
         self._edges_m = np.zeros((64, 64))  # 0: no edge
-        self._positions_m: FloatArray | None = None  # asked for five times a decision
+        self._poses: FloatArray | None = None  # asked for eight times a decision
+        self._sectors: FloatArray | None = None
+        self._ways_m: dict[int, tuple[Pose2, FloatArray, FloatArray]] = {}
 
     def __len__(self) -> int:
         return len(self.nodes)
@@ -107,7 +109,7 @@ class NodeGraph:
         if node.index != len(self.nodes):
             raise StateError(f"node {node.id}: index {node.index}, next is {len(self.nodes)}")
         self.nodes.append(node)
-        self._positions_m = None
+        self._poses = self._sectors = None
         if len(self.nodes) > len(self._edges_m):
             grown = np.zeros((2 * len(self._edges_m),) * 2)
             grown[: len(self._edges_m), : len(self._edges_m)] = self._edges_m
@@ -122,16 +124,28 @@ class NodeGraph:
 
     def move(self, index: int, pose: Pose2) -> None:
         """SLAM knows better where a node is."""
-        self.nodes[index].pose = pose
-        self._positions_m = None
+        if pose != self.nodes[index].pose:
+            self.nodes[index].pose = pose
+            self._poses = None
+
+    def poses(self) -> FloatArray:
+        """(K, 3) map frame; read-only."""
+        if self._poses is None:
+            poses = [(p.x_m, p.y_m, p.heading_rad) for p in (node.pose for node in self.nodes)]
+            self._poses = np.array(poses, float).reshape(-1, 3)
+            self._poses.flags.writeable = False
+        return self._poses
 
     def positions_m(self) -> FloatArray:
         """(K, 2) map frame; read-only."""
-        if self._positions_m is None:
-            places = [[node.pose.x_m, node.pose.y_m] for node in self.nodes]
-            self._positions_m = np.array(places, float).reshape(-1, 2)
-            self._positions_m.flags.writeable = False
-        return self._positions_m
+        return self.poses()[:, :2]
+
+    def sectors(self) -> FloatArray:
+        """(K, 2) of the nodes, as `Node.sector`; read-only."""
+        if self._sectors is None:
+            self._sectors = np.array([node.sector for node in self.nodes], float).reshape(-1, 2)
+            self._sectors.flags.writeable = False
+        return self._sectors
 
     def driven_m(
         self, low_m: FloatArray | float = -math.inf, high_m: FloatArray | float = math.inf
@@ -144,11 +158,19 @@ class NodeGraph:
         from_m = self.positions_m()[[node.came_from or 0 for node in self.nodes]]
         is_near = ((from_m + reach_m >= low_m) & (from_m - reach_m <= high_m)).all(axis=1)
         ways = [
-            self.nodes[node.came_from].pose.apply(node.came_by_m)
+            self._way_m(node, self.nodes[node.came_from].pose)
             for node in map(self.nodes.__getitem__, np.flatnonzero(is_near).tolist())
             if node.came_from is not None
         ]
         return np.concatenate([np.zeros((0, 2)), *ways])
+
+    def _way_m(self, node: Node, origin: Pose2) -> FloatArray:
+        """(N, 2) the way to a node, map frame; kept until its origin moves."""
+        known = self._ways_m.get(node.index)
+        if known is None or known[0] is not origin or known[1] is not node.came_by_m:
+            known = origin, node.came_by_m, origin.apply(node.came_by_m)
+            self._ways_m[node.index] = known
+        return known[2]
 
     def costs_from(self, index: int) -> FloatArray:
         """(K,) travel cost from one node to each, through neighbours; inf where no way is."""

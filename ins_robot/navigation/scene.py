@@ -176,11 +176,10 @@ class Scene:
     def _looks(self, graph: NodeGraph) -> PastLooks:
         """The scans of all nodes."""
         origin, resolution = np.array(self.grid.origin_m), self.grid.resolution_m
-        sectors = np.array([node.sector for node in graph.nodes])
-        headings = np.array([node.pose.heading_rad for node in graph.nodes])
+        poses, sectors = graph.poses(), graph.sectors()
         return PastLooks(
-            cells=((graph.positions_m() - origin) / resolution)[:, ::-1],
-            towards_rad=headings + sectors[:, 0],
+            cells=((poses[:, :2] - origin) / resolution)[:, ::-1],
+            towards_rad=poses[:, 2] + sectors[:, 0],
             half_rad=sectors[:, 1],
         )
 
