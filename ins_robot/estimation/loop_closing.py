@@ -18,9 +18,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ins_robot.estimation.node_map import LINK_RADIUS_M, NodeMap
-from ins_robot.estimation.scan_matching import Alignment, align, search
+from ins_robot.estimation.scan_matching import Alignment, SearchResult, align, search
 from ins_robot.geometry.angles import FloatArray, wrap_rad
 from ins_robot.geometry.pose2 import compose, inverse, transform_points
+from ins_robot.mapping.likelihood_field import LikelihoodField
 from ins_robot.mapping.occupancy_grid import IntArray
 from ins_robot.mapping.surfels import Surfels
 
@@ -36,6 +37,7 @@ FAR_DRIFT_MAX_M = 5.0  # ... this far
 FAR_TURN_RAD = math.radians(25.0)
 NEAR_M = 3.0  # a scan that near to the old nodes must see what they saw
 RIVAL_RATIO_MAX = 0.92
+PARTLY_RIVAL_RATIO_MAX = 0.86  # a false loop of such scans had 0.85 to 0.92
 KNOWN_SHARE_MIN = 0.8
 INLIERS_MIN = 30
 STD_MAX_M = 0.06  # of the weakest direction: a closure that slides is none
@@ -234,24 +236,17 @@ class LoopCloser:
         field = nodes.local_field(candidates, pose)
         if field is None:
             return None
-        for half_width_m, half_turn_rad in windows:
-            best = search(field, scan, pose, half_width_m, half_turn_rad)
-            if best.value >= demand.value_min:
-                break
-        if best.value < demand.value_min:
-            return None
-        if best.rival_value > RIVAL_RATIO_MAX * best.value:
+        best = _best_of(field, scan, pose, windows, demand.value_min)
+        if best is None:
             return None
         # a prior too weak to decide anything, only to keep the equations regular
         match = align(field, scan, best.pose[None], best.pose, np.diag([4.0, 4.0, 30.0]))
-        if match.inlier_share < demand.inlier_share_min or match.inliers < INLIERS_MIN:
+        if not _is_held(match, demand):
             return None
-        is_plain = match.inlier_share >= PLAIN.inlier_share_min
-        if not is_plain and _known_share(nodes, candidates, scan, match) < KNOWN_SHARE_MIN:
-            return None
-        weakest = float(np.linalg.eigvalsh(match.information[:2, :2])[0])
-        if weakest < 1.0 / STD_MAX_M**2:
-            return None
+        if match.inlier_share < PLAIN.inlier_share_min:
+            is_rivalled = best.rival_value > PARTLY_RIVAL_RATIO_MAX * best.value
+            if is_rivalled or _known_share(nodes, candidates, scan, match) < KNOWN_SHARE_MIN:
+                return None
         correction = compose(match.pose, inverse(pose))
         return Closure(
             node=node,
@@ -262,6 +257,29 @@ class LoopCloser:
             turned_rad=abs(wrap_rad(float(match.pose[2] - pose[2]))),
             rival_ratio=best.rival_value / best.value,
         )
+
+
+def _best_of(
+    field: LikelihoodField,
+    scan: Surfels,
+    pose: FloatArray,
+    windows: list[tuple[float, float]],
+    value_min: float,
+) -> SearchResult | None:
+    """The best place in the first window that has a good one; None when it has a rival."""
+    for half_width_m, half_turn_rad in windows:
+        best = search(field, scan, pose, half_width_m, half_turn_rad)
+        if best.value >= value_min:
+            return best if best.rival_value <= RIVAL_RATIO_MAX * best.value else None
+    return None
+
+
+def _is_held(match: Alignment, demand: Demand) -> bool:
+    """Whether enough of the scan is on the map, and holds it in all directions."""
+    if match.inlier_share < demand.inlier_share_min or match.inliers < INLIERS_MIN:
+        return False
+    weakest = float(np.linalg.eigvalsh(match.information[:2, :2])[0])
+    return weakest >= 1.0 / STD_MAX_M**2
 
 
 def _known_share(
