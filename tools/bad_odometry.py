@@ -146,10 +146,12 @@ def line(job: Job, runs: Sequence[tuple[int, FloatArray, FloatArray]]) -> str:
         "as an XV-11" if job.is_xv11 else "as it is",
         job.grade.name,
         str(runs[0][0]),
-        ", ".join(f"{run[1].mean():.3f}" for run in runs),
-        f"{np.quantile(off_m, 0.95):.3f}",
-        f"{off_m.max():.2f}",
-        f"{off_deg.mean():.2f}",
+        ", ".join(f"{run[1].mean():.3f}" if len(run[1]) else "-" for run in runs),
+        *(
+            (f"{np.quantile(off_m, 0.95):.3f}", f"{off_m.max():.2f}", f"{off_deg.mean():.2f}")
+            if len(off_m)
+            else ("none seen again", "-", "-")
+        ),
     )
     return "| " + " | ".join(cells) + " |"
 

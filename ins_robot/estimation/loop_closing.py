@@ -51,6 +51,7 @@ RECHECK_EVERY = 3  # nodes; every one while a closure waits for confirmation
 RECHECK_M = 0.4
 RECHECK_RAD = math.radians(4.0)
 COST_EACH = 10.0  # chi-squared that a loop may cost for each that says so: true ones up to 15
+COST_MAX = 120.0  # however many: true ones that were needed took up to 90
 SETTLED_M = 0.02
 SETTLED_RAD = math.radians(0.4)
 EVIDENT_MOVE_M = 0.5
@@ -114,7 +115,7 @@ class Train:
 
     @property
     def _cost_max(self) -> float:
-        return COST_EACH * max(len(self.closures), CONFIRMATIONS + 1)
+        return min(COST_EACH * max(len(self.closures), CONFIRMATIONS + 1), COST_MAX)
 
     def close(self, nodes: NodeMap) -> bool:
         """Link what they say and relax the graph, or leave it as it was: then False.
@@ -171,14 +172,15 @@ class LoopCloser:
         return True
 
     def _joined(self, found: Closure) -> Train:
-        """The train that a closure goes on with; all that agree with it become one."""
+        """The train that a closure goes on with: of those it agrees with, all that do."""
         agreeing: list[Train] = []
         others: list[Train] = []
         for train in self._trains:
             is_alike = any(_agree(closure, found) for closure in train.closures)
             (agreeing if is_alike else others).append(train)
+        before = [closure for train in agreeing for closure in train.closures]
         joined = Train(
-            [*(closure for train in agreeing for closure in train.closures), found],
+            [*(closure for closure in before if _agree(closure, found)), found],
             max((train.refused_cost for train in agreeing), default=0.0),
         )
         self._trains = [*others, joined]
@@ -266,12 +268,17 @@ def _best_of(
     windows: list[tuple[float, float]],
     value_min: float,
 ) -> SearchResult | None:
-    """The best place in the first window that has a good one; None when it has a rival."""
+    """The best place in the windows, up to the first good one; None if others do as well."""
+    best: SearchResult | None = None
     for half_width_m, half_turn_rad in windows:
-        best = search(field, scan, pose, half_width_m, half_turn_rad)
-        if best.value >= value_min:
-            return best if best.rival_value <= RIVAL_RATIO_MAX * best.value else None
-    return None
+        found = search(field, scan, pose, half_width_m, half_turn_rad)
+        if best is None or found.value > best.value:
+            best = found
+        if best.value >= PLAIN.value_min:
+            break
+    if best is None or best.value < value_min:
+        return None
+    return best if best.rival_value <= RIVAL_RATIO_MAX * best.value else None
 
 
 def _is_held(match: Alignment, demand: Demand) -> bool:
@@ -287,6 +294,8 @@ def _known_share(
 ) -> float:
     """Share of the readings on the map, of all that are there or that old scans saw past."""
     candidates = candidates[nodes.near(match.pose, LINK_RADIUS_M)[candidates]]
+    if not len(candidates):
+        return 0.0
     others = transform_points(match.pose, scan.points_m[~match.is_inlier])
     denied = int(nodes.seen_past(candidates, others).sum())
     return match.inliers / (match.inliers + denied)

@@ -152,7 +152,10 @@ class NodeMap:
         return LikelihoodField(surfels) if len(surfels) else None
 
     def seen_past(self, nodes: IntArray, points_m: FloatArray) -> BoolArray:
-        """(N,) bool: points (N, 2), map frame, which a scan of `nodes` saw past: not there."""
+        """(N,) bool: points (N, 2), map frame, which a scan of `nodes` saw past: not there.
+
+        Seen from the base: an LRF far from its middle is told a little wrong nearby.
+        """
         rows, counts = self._rows(nodes)
         sectors, range_m = _polar(self._points.all.take(rows, axis=0))
         horizon_m = np.full((len(nodes), SECTORS), np.inf)

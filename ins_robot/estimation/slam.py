@@ -37,6 +37,7 @@ from ins_robot.messages import LaserScan, MotionIncrement, PoseEstimate
 
 SCAN_SURFELS_MAX = 240
 FIELD_STALE_M = 0.5
+MAP_MOVED_M = 0.2  # closures found before that are measured on another map
 KNOWN_SHARE = 0.9  # of the readings on the map: such a scan shows nothing new
 
 
@@ -342,8 +343,8 @@ class Slam:
             self._nodes.graph, node, surfels, self._travelled_m
         )
         before = self._nodes.graph.poses[node].copy()
-        if is_turned:
-            self._nodes.graph.relax()
+        if is_turned and self._nodes.graph.relax().max() > MAP_MOVED_M:
+            self._closer.forget()
         is_closed = self._close_loops(node, surfels)
         if is_turned or is_closed:
             self._map_moved(node, before)
