@@ -91,6 +91,23 @@ def test_the_cheaper_of_two_ways_counts():
     assert graph.costs_from(0)[1] == graph.costs_from(1)[0] == 3.0
 
 
+def test_what_is_kept_of_the_graph_follows_its_nodes():
+    graph, way = NodeGraph(), np.array([[0.5, 0.0], [1.0, 0.0]])
+    graph.add(node_of(0, Pose2(1.0, 2.0, 0.0)))
+    graph.add(node_of(1, Pose2(2.0, 2.0, 0.0)))
+    graph.nodes[1].came_from, graph.nodes[1].came_by_m, graph.nodes[1].way_m = 0, way, 1.0
+    np.testing.assert_allclose(graph.driven_m(), [[1.5, 2.0], [2.0, 2.0]])
+    moved = Pose2(1.0, 3.0, np.pi / 2)
+    graph.move(0, moved)
+    np.testing.assert_allclose(graph.driven_m(), moved.apply(way))
+    np.testing.assert_allclose(graph.poses()[0], moved.as_array())
+    graph.nodes[1].came_by_m = way[:1]
+    np.testing.assert_allclose(graph.driven_m(), moved.apply(way[:1]))
+    graph.add(node_of(2, Pose2(5.0, 5.0, 0.0)))
+    assert len(graph.poses()) == len(graph.sectors()) == 3
+    np.testing.assert_allclose(graph.positions_m()[2], [5.0, 5.0])
+
+
 @pytest.mark.parametrize("quarter_turns", [1, 2])
 def test_a_turned_world_is_explored_as_well(quarter_turns):
     """Up to effects of the grid: all of it seen, with about as many scans."""
