@@ -37,6 +37,7 @@ from ins_robot.messages import LaserScan, MotionIncrement
 from ins_robot.sensing.range_error import range_std_m
 from ins_robot.sensing.scan_filter import combine
 from ins_robot.simulation.optics import WorldOptics
+from ins_robot.simulation.shipped_worlds import shipped_worlds
 from ins_robot.simulation.world import World
 
 RIGHT_M, RIGHT_RAD = 0.1, math.radians(3.0)
@@ -133,7 +134,7 @@ def main() -> int:
 
 def find_worlds(args: argparse.Namespace) -> list[World]:
     if args.worlds is None:
-        names = args.only or World.builtin_names()
+        names = args.only or shipped_worlds()
         return [World.builtin(name) for name in names]
     with (args.worlds / "worlds.csv").open() as file:
         rows = sorted(csv.DictReader(file), key=lambda row: float(row["free_m2"]))

@@ -29,7 +29,7 @@ from ins_robot.geometry.angles import FloatArray
 from ins_robot.messages import LaserScan
 from ins_robot.sensing.range_error import range_std_m
 from ins_robot.sensing.scan_filter import combine
-from ins_robot.simulation.world import BUILTIN_DIRECTORY, World
+from ins_robot.simulation.shipped_worlds import DIRECTORY, shipped_worlds
 
 COUNTS = (1, 5, 10)
 TURNS = simulated.TURNS
@@ -47,10 +47,10 @@ def main() -> int:
     parser.add_argument("--seeds", type=int, default=1)
     parser.add_argument("--out", type=Path, default=Path("runs/sampling"))
     args = parser.parse_args()
-    worlds = sorted(BUILTIN_DIRECTORY.glob("*.yaml"))
+    worlds = sorted(DIRECTORY.glob("*.yaml"))
     everywhere = np.ones(360, dtype=bool)
     stands = simulated.stand_in_homes(worlds, Config().simulation, everywhere, PLACES, SEED)
-    names = ", ".join(World.builtin_names())
+    names = ", ".join(shipped_worlds())
     print(f"simulated, standing at {PLACES} places each of {names}:\n")
     print(table([(turns.standstill, turns.true_m) for turns in stands]))
     if args.data is not None:

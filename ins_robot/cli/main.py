@@ -107,7 +107,11 @@ def _run(arguments: Sequence[str]) -> int:
             module.add_arguments(subparsers[command.name])
     if module is None and chosen is not None:
         parser.exit(2, _unknown(chosen) + "\n")
-    args = parser.parse_args(arguments)
+    args, strange = parser.parse_known_args(arguments)
+    if strange:
+        told = parser if chosen is None else subparsers[chosen]
+        hint = _config_hint(strange, can_set="overrides" in args)
+        told.error(f"unrecognized arguments: {' '.join(strange)}{hint}")
     if module is None:
         parser.print_help(sys.stderr)
         return 2
@@ -119,6 +123,25 @@ def _unknown(name: str) -> str:
     near = difflib.get_close_matches(name, [command.name for command in COMMANDS], n=1)
     hint = f"did you mean `ins-robot {near[0]}`? " if near else ""
     return f"ins-robot: no command {name!r}: {hint}`ins-robot --help` lists them"
+
+
+def _config_hint(words: Sequence[str], *, can_set: bool) -> str:
+    """Where a word is named like an option of the configuration: that it is one."""
+    from dataclasses import fields
+
+    from ins_robot.config import Config
+
+    names = {word.partition("=")[0].lstrip("-").replace("-", "_") for word in words}
+    keys = [
+        f"{section.name}.{option.name}"
+        for section in fields(Config)
+        for option in fields(getattr(Config(), section.name))
+        if option.name in names
+    ]
+    if not keys:
+        return ""
+    how = f", here with --set {keys[0]}=VALUE" if can_set else ""
+    return f"; {' or '.join(keys)} is an option of the configuration{how}"
 
 
 def _parsers() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParser]]:

@@ -306,13 +306,17 @@ class RunCore:
 
     def _end_notes(self) -> dict[str, Any]:
         """How far from home the run ended, and what was left unseen; null: it was stopped."""
-        nodes, ended = self.survey.explorer.graph.nodes, self.survey.ended
-        home = nodes[0].pose if nodes else Pose2()
+        home, ended = self._start(), self.survey.ended
         last = self.map_from_odom @ self._recorded_odom
         return {
             "home_m": round(last.distance_m(home), 3),
             "left": None if ended is None else [left.as_json() for left in ended.unseen],
         }
+
+    def _start(self) -> Pose2:
+        """Where the map has the first scan."""
+        nodes = self.survey.explorer.graph.nodes
+        return nodes[0].pose if nodes else Pose2()
 
     def result(
         self,
@@ -327,7 +331,7 @@ class RunCore:
     ) -> RunResult:
         """The run as far as it has come, for its files."""
         stamps_s, map_from_base = self.corrected_trajectory()
-        slam = self.survey.slam
+        slam, bounds = self.survey.slam, self.survey.explorer.bounds
         return RunResult(
             name=name,
             state=state,
@@ -348,7 +352,8 @@ class RunCore:
             peak_rss_mb=peak_rss_mb,
             slam_ms=self.survey.slam_ms,
             notes={**self.notes, "settle_ms": round(self.survey.settle_ms, 1), **notes},
-            zones=self.survey.explorer.bounds.zones,
+            zones=bounds.zones,
+            limits_m=bounds.outlines_m(self._start()),
         )
 
     def _job(self, scan: LaserScan, sector: Sector | None) -> ScanJob:

@@ -56,6 +56,8 @@ class RunResult:
         Anything more for summary.json.
     zones : sequence of Zone
         No-go zones and virtual walls.
+    limits_m : sequence of (N, 2)
+        Closed lines around where the robot may be: boundary, radius.
     """
 
     name: str
@@ -80,6 +82,7 @@ class RunResult:
     truth_metrics: Mapping[str, float] = field(default_factory=dict)
     notes: Mapping[str, Any] = field(default_factory=dict)
     zones: Sequence[Zone] = ()
+    limits_m: Sequence[FloatArray] = ()
 
     def summary(self) -> dict[str, Any]:
         """The content of summary.json."""

@@ -116,6 +116,7 @@ class DaemonCommands:
                 "scans": core.scans,
                 "sweeps": core.sweeps,
                 "lrf_on_s": mission.lrf_on_s,
+                "goal": directions(mission)["goal"],
             }
         return status
 

@@ -178,6 +178,7 @@ def picture_of(result: RunResult) -> MapPicture:
         robot=Pose2.from_array(poses[-1]) if len(poses) else None,
         robot_radius_m=result.robot_radius_m,
         zones=result.zones,
+        limits_m=result.limits_m,
         caption=caption,
     )
 

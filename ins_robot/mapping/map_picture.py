@@ -63,7 +63,8 @@ class MapPicture:
     """What is on the picture.
 
     `way_m` is (N, 2), `nodes_m` (K, 2). `robot`, `goal` None: not drawn.
-    `node_ids` are written beside the nodes. `zones` are no-go zones and virtual walls.
+    `node_ids` are written beside the nodes. `zones` are no-go zones and virtual walls,
+    `limits_m` closed lines (N, 2) around where the robot may be.
     `caption` is one short line.
     """
 
@@ -76,6 +77,7 @@ class MapPicture:
     goal: GoalMark | None = None
     node_ids: Sequence[int] = ()
     zones: Sequence[Zone] = ()
+    limits_m: Sequence[FloatArray] = ()
     caption: str = ""
 
 

@@ -77,6 +77,8 @@ class _Band:
 
     def draw(self, picture: MapPicture) -> None:
         """All marks, the important ones last."""
+        for outline_m in picture.limits_m:
+            self._dashed(outline_m, _ZONE, 2)
         for zone in picture.zones:
             self._zone(self._at(np.array(zone.points_m)), zone.kind)
         nodes = self._at(picture.nodes_m)
@@ -105,6 +107,10 @@ class _Band:
             pixels = round(width * self._unit)
             self._draw.line(list(points), fill=colour, width=pixels, joint="curve")
 
+    def _dashed(self, path_m: FloatArray, colour: Colour, width: int) -> None:
+        for start, end in dashes(path_m, DASH_M):
+            self._line(self._at(np.array([start, end])), colour, width)
+
     def _disc(self, at: Point, colour: Colour, radius: float, edge: float) -> None:
         if edge:
             self._draw.circle(at, (radius + edge) * self._unit, fill=WHITE)
@@ -125,8 +131,7 @@ class _Band:
             self._draw.polygon(_diamond(middle, 3.0 * self._unit), fill=_OTHER_GAP)
 
     def _goal(self, goal: GoalMark) -> None:
-        for start, end in dashes(goal.path_m, DASH_M):
-            self._line(self._at(np.array([start, end])), _GOAL, 3)
+        self._dashed(goal.path_m, _GOAL, 3)
         x, y = self._at(np.array([goal.place.x_m, goal.place.y_m]))[0]
         radius, edge = 9.0 * self._unit, round(3 * self._unit)
         self._draw.circle((x, y), radius, outline=_GOAL, width=edge)
@@ -202,6 +207,9 @@ def draw_footer(image: Image, size: tuple[int, int], picture: MapPicture, frame:
         centre = (x + 5 * unit, y)
         if shape == "line":
             draw.line([(x - unit, y), (x + 11 * unit, y)], fill=colour, width=round(3 * unit))
+        elif shape == "dashes":
+            for left in (x - unit, x + 7 * unit):
+                draw.line([(left, y), (left + 4 * unit, y)], fill=colour, width=round(2 * unit))
         elif shape == "ring":
             draw.circle(centre, 5 * unit, outline=colour, width=round(2 * unit))
         elif shape == "square":
@@ -244,6 +252,8 @@ def legend(picture: MapPicture) -> list[tuple[str, Colour, str]]:
         entries.append(("square", _ZONE, "no-go zone"))
     if kinds - {ZoneKind.NO_GO}:
         entries.append(("line", _ZONE, "virtual wall"))
+    if picture.limits_m:
+        entries.append(("dashes", _ZONE, "limit"))
     if len(picture.nodes_m):
         entries.append(("disc", _NODE, "scan"))
     if any(gap.is_open for gap in picture.gaps):

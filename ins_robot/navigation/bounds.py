@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ins_robot.config import ExplorationConfig
 from ins_robot.geometry.angles import FloatArray
-from ins_robot.geometry.polygon import contains
+from ins_robot.geometry.polygon import contains, outline_m
 from ins_robot.geometry.pose2 import Pose2
 from ins_robot.mapping.occupancy_grid import OccupancyGrid
 from ins_robot.mapping.zones import Zone, ZoneKind
@@ -24,6 +24,7 @@ from ins_robot.navigation.room_map import RoomMap
 BoolArray = NDArray[np.bool_]
 ASTRIDE_M = 0.08  # so near to a line, in cells the robot stands on it
 FENCE_REACH_M = 30.0  # further away a line is the planner's affair, not yet the guard's
+CIRCLE_SIDES = 72
 ESCAPE_M = 0.3  # a robot standing on forbidden ground may cross so much more of it to get off
 
 
@@ -60,6 +61,15 @@ class Bounds:
     def are_open(self) -> bool:
         """Nothing is forbidden."""
         return self._radius_m <= 0.0 and not self._lines
+
+    def outlines_m(self, start: Pose2) -> list[FloatArray]:
+        """Closed lines (N, 2) around where the robot may be, of boundary and radius."""
+        outlines = [] if self._boundary is None else [outline_m(self._boundary)]
+        if self._radius_m > 0.0:
+            turns_rad = np.linspace(0.0, 2.0 * np.pi, CIRCLE_SIDES + 1)
+            around = np.stack([np.cos(turns_rad), np.sin(turns_rad)], axis=-1)
+            outlines.append(np.array([start.x_m, start.y_m]) + self._radius_m * around)
+        return outlines
 
     def without_zones(self) -> Bounds:
         """The same without no-go zones and virtual walls."""

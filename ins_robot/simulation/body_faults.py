@@ -31,7 +31,7 @@ class BodyFault(StrEnum):
 class _Episode(NamedTuple):
     fault: BodyFault
     from_s: float
-    until_s: float
+    duration_s: float
 
 
 class FaultSchedule:
@@ -42,10 +42,16 @@ class FaultSchedule:
 
     def add(self, fault: BodyFault, from_s: float, duration_s: float) -> None:
         """Let a fault happen for a while."""
-        self._episodes.append(_Episode(fault, from_s, from_s + duration_s))
+        self._episodes.append(_Episode(fault, from_s, duration_s))
+
+    def as_json(self) -> list[dict[str, str | float]]:
+        """All of them, in the order they were added."""
+        return [{**e._asdict(), "fault": str(e.fault)} for e in self._episodes]
 
     def active(self, now_s: float) -> frozenset[BodyFault]:
         """The faults that are happening."""
         if not self._episodes:
             return frozenset()
-        return frozenset(e.fault for e in self._episodes if e.from_s <= now_s < e.until_s)
+        return frozenset(
+            e.fault for e in self._episodes if e.from_s <= now_s < e.from_s + e.duration_s
+        )

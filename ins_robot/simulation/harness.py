@@ -84,10 +84,12 @@ class SimulatedRobot:
             await asyncio.sleep(MOTOR_PERIOD_S)
 
     def annotate(self, result: RunResult) -> RunResult:
-        """Add what only the simulator knows: the true way, and how good the map is."""
+        """Add what only the simulator knows: the true way, faults, how good the map is."""
         body = self.body
         true = truth.in_map_frame(body.poses_at(result.stamps_s), body.start)
         found = truth.metrics(
             self._config, body, self.optics, result.grid, result.map_from_base, true
         )
-        return replace(result, true_map_from_base=true, truth_metrics=found)
+        faults = self.body.faults.as_json()
+        notes = {**result.notes, "faults": faults} if faults else result.notes
+        return replace(result, true_map_from_base=true, truth_metrics=found, notes=notes)

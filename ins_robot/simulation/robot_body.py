@@ -104,7 +104,7 @@ class RobotBody:
         self._twist_world: Triple = (0.0, 0.0, 0.0)
         self._is_touching = False
         self._touched_s = -math.inf
-        self._faults = FaultSchedule()
+        self.faults = FaultSchedule()
         self._history = PoseHistory(start_s, (self._x_m, self._y_m, self._heading_rad))
 
     # Body of the motor emulator.
@@ -122,7 +122,7 @@ class RobotBody:
 
     def inputs(self) -> BodyInputs:
         """Bumper, cliff, emergency stop and battery now."""
-        faults = self._faults.active(self._now_s)
+        faults = self.faults.active(self._now_s)
         hours = (self._now_s - self._start_s) / 3600.0
         low = BodyFault.BATTERY_LOW in faults
         return BodyInputs(
@@ -142,14 +142,14 @@ class RobotBody:
 
     def gyro_shift_dps(self, now_s: float) -> float:
         """What a fault adds to the gyro's bias."""
-        is_shifted = BodyFault.GYRO_BIAS_STEP in self._faults.active(now_s)
+        is_shifted = BodyFault.GYRO_BIAS_STEP in self.faults.active(now_s)
         return _GYRO_STEP_DPS if is_shifted else 0.0
 
     def field_gauss(self, now_s: float) -> Triple:
         """Magnetic field in the base frame, gauss."""
         ahead = max(0.0, now_s - self._now_s)
         heading = self._heading_rad + ahead * self._twist_world[2]
-        if BodyFault.COMPASS_DISTURBED in self._faults.active(now_s):
+        if BodyFault.COMPASS_DISTURBED in self.faults.active(now_s):
             heading += _COMPASS_TURN_RAD
         c, s = math.cos(heading), math.sin(heading)
         fx, fy, fz = self._metal.at(self._x_m, self._y_m)
@@ -172,10 +172,6 @@ class RobotBody:
         return self._history.at(stamps_s, self._twist_world)
 
     # Faults on purpose.
-
-    def schedule(self, fault: BodyFault, from_s: float, duration_s: float) -> None:
-        """Let a fault happen for a while of robot time."""
-        self._faults.add(fault, from_s, duration_s)
 
     def kidnap(self, to: Pose2) -> None:
         """Carry the robot elsewhere, wheels unaware; InputError where it does not fit."""
@@ -237,7 +233,7 @@ class RobotBody:
             self._grip[wheel] + self._slip_std * self._slips[wheel].step(dt_s)
             for wheel in range(3)
         ]
-        faults = self._faults.active(self._now_s)
+        faults = self.faults.active(self._now_s)
         if BodyFault.SLIP_BURST in faults:
             grip = [g * burst for g, burst in zip(grip, _BURST_GRIP, strict=True)]
         if BodyFault.STUCK in faults:

@@ -18,9 +18,9 @@ from ins_robot.errors import InputError
 from ins_robot.geometry.angles import FloatArray
 from ins_robot.geometry.pose2 import Pose2
 from ins_robot.simulation.clearance import Clearance
+from ins_robot.simulation.shipped_worlds import DIRECTORY, shipped_worlds
 from ins_robot.simulation.world_files import read_world
 
-BUILTIN_DIRECTORY = Path(__file__).parent / "worlds"
 _START_MARGIN_M = 0.1
 _EIGHT_NEIGHBOURS = np.ones((3, 3), dtype=bool)
 
@@ -78,20 +78,15 @@ class World:
     @staticmethod
     def builtin(name: str) -> World:
         """One of the worlds that ship with the simulator."""
-        if name not in World.builtin_names():
-            names = ", ".join(World.builtin_names())
+        if name not in shipped_worlds():
+            names = ", ".join(shipped_worlds())
             raise InputError(f"world '{name}': neither a .yaml file nor one of {names}")
-        return World.load(BUILTIN_DIRECTORY / f"{name}.yaml")
+        return World.load(DIRECTORY / f"{name}.yaml")
 
     @staticmethod
     def find(text: str) -> World:
         """What the command line means: a YAML file, or else the name of a shipped world."""
         return World.load(Path(text)) if Path(text).suffix else World.builtin(text)
-
-    @staticmethod
-    def builtin_names() -> list[str]:
-        """Names for `builtin`, sorted."""
-        return sorted(path.stem for path in BUILTIN_DIRECTORY.glob("*.yaml"))
 
     @property
     def size_m(self) -> tuple[float, float]:

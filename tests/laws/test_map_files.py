@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
+from ins_robot.config import ExplorationConfig
 from ins_robot.errors import InputError
 from ins_robot.geometry.pose2 import Pose2
 from ins_robot.mapping import palette
@@ -30,6 +31,7 @@ from ins_robot.mapping.map_picture import (
 from ins_robot.mapping.picture_marks import legend
 from ins_robot.mapping.round_lengths import round_above, round_below
 from ins_robot.mapping.zones import Zone, ZoneKind
+from ins_robot.navigation.bounds import Bounds
 
 FOOTER = 150  # rows of a picture that may be below the map
 
@@ -179,17 +181,22 @@ def colour_centre(image, colour):
     return cols.mean(), rows.mean()
 
 
-def test_things_are_drawn_where_they_are():
+def frame_of_room():
+    """Of a picture of it."""
     empty = draw_map(MapPicture(grid=room()))
     rows, cols = np.nonzero((np.asarray(empty)[:-FOOTER] == palette.NIGHT).all(axis=-1))
     # The outer edges of the walls give the frame: x -1.5 to 2.5 m, y -0.5 to 2.5 m.
     px_per_m = (cols.max() + 1 - cols.min()) / 4.0
     assert (rows.max() + 1 - rows.min()) / 3.0 == px_per_m
-    frame = Frame(
+    return Frame(
         left_m=-1.5 - cols.min() / px_per_m,
         top_m=2.5 + rows.min() / px_per_m,
         px_per_m=px_per_m,
     )
+
+
+def test_things_are_drawn_where_they_are():
+    frame = frame_of_room()
     drawn = draw_map(
         MapPicture(
             grid=room(),
@@ -241,6 +248,21 @@ def test_zones_are_in_the_legend(kind, points, label):
     footer = np.asarray(draw_map(MapPicture(grid=room(), zones=zones)))[-FOOTER:]
     assert (footer == palette.DEEP_RED).all(axis=-1).any()
     assert [entry[2] for entry in legend(MapPicture(grid=room(), zones=zones))] == [label]
+
+
+def test_limits_are_drawn_where_they_are():
+    config = ExplorationConfig(
+        boundary=((-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)), max_radius_m=1.5
+    )
+    limits_m = Bounds(config, keep_m=0.2).outlines_m(Pose2(0.4, 0.0))
+    drawn = np.asarray(draw_map(MapPicture(grid=room(), limits_m=limits_m)))[:-FOOTER]
+    rows, cols = np.nonzero((drawn == palette.DEEP_RED).all(axis=-1))
+    x, y = frame_of_room().metres(np.stack([cols + 0.5, rows + 0.5], axis=-1)).T
+    off_square = np.abs(np.maximum(np.abs(x), np.abs(y)) - 1.0)
+    off_circle = np.abs(np.hypot(x - 0.4, y) - 1.5)
+    assert (np.minimum(off_square, off_circle) < 0.03).all()
+    assert ((off_square < 0.03) & (off_circle > 0.1)).any()
+    assert ((off_circle < 0.03) & (off_square > 0.1)).any()
 
 
 def test_the_same_picture_has_the_same_bytes():

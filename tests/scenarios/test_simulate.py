@@ -102,6 +102,7 @@ def test_a_map_survives_disturbances_on_purpose(
     assert summary["coverage"] >= 0.98
     assert summary["localization_rmse_m"] <= 0.06
     assert summary["heading_rmse_deg"] <= 1.0
+    assert {fault["fault"] for fault in summary["faults"]} == set(faults[1::4])
 
 
 def test_the_first_scan_looks_all_around_and_later_ones_forward(

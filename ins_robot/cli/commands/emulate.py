@@ -18,7 +18,12 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ins_robot.cli.commands.simulate import add_start_argument, check_seed, parse_start
+from ins_robot.cli.commands.simulate import (
+    add_start_argument,
+    add_world_argument,
+    check_seed,
+    parse_start,
+)
 from ins_robot.cli.config_source import add_config_argument, add_set_argument, load_config
 from ins_robot.errors import InputError
 
@@ -32,13 +37,7 @@ HEADER = "# Written by `ins-robot emulate`; good while it runs.\n\n"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of `emulate`."""
-    parser.add_argument(
-        "world",
-        metavar="WORLD.yaml",
-        nargs="?",
-        default="rooms",
-        help="ROS map_server YAML, or a world that ships with the package (default: rooms)",
-    )
+    add_world_argument(parser)
     parser.add_argument(
         "--config-out",
         metavar="FILE",

@@ -7,9 +7,9 @@ import argparse
 import math
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ins_robot.cli.config_source import add_config_argument, add_set_argument, load_config
 from ins_robot.cli.interrupts import Interrupts
@@ -97,6 +97,7 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         print(json_bytes(summary).decode(), end="")
     else:
+        print(describe(summary), file=sys.stderr)
         print(args.out / MAP_PNG)
     if interrupts.has_cut:
         print(f"interrupted; what was computed so far is in {args.out}", file=sys.stderr)
@@ -161,6 +162,17 @@ def _recording(
         overrides=args.overrides, use_odometry=not args.no_odometry, every=args.every
     )
     return replay_journal(path, options, time.perf_counter, progress, is_stopped)
+
+
+def describe(summary: Mapping[str, Any]) -> str:
+    """What a person wants to know of a replay, in one line."""
+    loops = summary["loop_closures"]
+    return (
+        f"{summary['state']}: {summary['reason']}; "
+        f"{summary['scans']} scan{'s' * (summary['scans'] != 1)}, {summary['nodes']} kept, "
+        f"{summary['path_length_m']:.1f} m, {loops} loop{'s' * (loops != 1)} closed, "
+        f"{summary['slam_ms_median']:.1f} ms a scan"
+    )
 
 
 class ProgressLine:

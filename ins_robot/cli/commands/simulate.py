@@ -13,6 +13,7 @@ from ins_robot.cli.config_source import add_config_argument, add_set_argument, l
 from ins_robot.cli.interrupts import TerminateAsInterrupt
 from ins_robot.cli.left_unseen import left_words
 from ins_robot.errors import InputError
+from ins_robot.simulation.shipped_worlds import shipped_worlds
 
 if TYPE_CHECKING:
     from ins_robot.config import Config
@@ -26,13 +27,7 @@ XY, XYDEG = 2, 3
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of `simulate`."""
-    parser.add_argument(
-        "world",
-        metavar="WORLD.yaml",
-        nargs="?",
-        default="rooms",
-        help="ROS map_server YAML, or a world that ships with the package (default: rooms)",
-    )
+    add_world_argument(parser)
     parser.add_argument(
         "--out", metavar="DIR", type=Path, required=True, help="where the files go"
     )
@@ -105,7 +100,7 @@ async def _simulate(
     clock = asyncio.get_running_loop().time
     simulated = SimulatedRobot(config, world, start, config.slam.seed)
     for fault, from_s, duration_s in faults:
-        simulated.body.schedule(fault, from_s, duration_s)
+        simulated.body.faults.add(fault, from_s, duration_s)
     connector = simulated.memory_connector(clock)
     robot = Robot(
         config, connector, clock_kind="virtual", annotate=simulated.annotate, draw=png_bytes
@@ -171,6 +166,18 @@ def check_seed(seed: int) -> None:
     """Refuse a seed that no generator takes."""
     if seed < 0:
         raise InputError(f"--seed {seed}: must be 0 or more")
+
+
+def add_world_argument(parser: argparse.ArgumentParser) -> None:
+    """Add the world, a file or a name."""
+    parser.add_argument(
+        "world",
+        metavar="WORLD",
+        nargs="?",
+        default="rooms",
+        help="ROS map_server YAML file, or one of the worlds that ship with the package: "
+        f"{', '.join(shipped_worlds())} (default: rooms)",
+    )
 
 
 def add_start_argument(parser: argparse.ArgumentParser) -> None:

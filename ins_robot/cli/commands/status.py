@@ -49,12 +49,14 @@ def outline(status: Mapping[str, Any]) -> list[tuple[str, str]]:
     if pose is not None:
         heading = pose.get("heading_rad")
         degrees = None if heading is None else math.degrees(heading)
-        place = f"x {_figure(pose.get('x_m'), '.2f')} m, y {_figure(pose.get('y_m'), '.2f')} m"
-        rows.append(("pose", f"{place}, heading {_figure(degrees, '.0f')} deg"))
+        rows.append(("pose", f"{_place(pose)}, heading {_figure(degrees, '.0f')} deg"))
     if "scans" in status:
         rows.append(("scans", f"{status['scans']}, and {status.get('sweeps')} sweeps"))
         way, time = status.get("path_length_m"), status.get("duration_s")
         rows.append(("way", f"{_figure(way, '.1f')} m in {_figure(time, '.0f')} s"))
+    if status.get("goal"):
+        goal = status["goal"]
+        rows.append(("goal", f"{_place(goal)}; `ins-robot next` tells why"))
     if status.get("battery_v") is not None:
         rows.append(("battery", f"{status['battery_v']:.1f} V"))
     rows.append(("faults", "; ".join(_faults(status)) or "none"))
@@ -84,6 +86,10 @@ def _missing(status: Mapping[str, Any]) -> list[str]:
         f"missing {name}: {error.removeprefix(f'{name}: ') or 'not opened yet'}"
         for name, error in errors.items()
     ]
+
+
+def _place(pose: Mapping[str, Any]) -> str:
+    return f"x {_figure(pose.get('x_m'), '.2f')} m, y {_figure(pose.get('y_m'), '.2f')} m"
 
 
 def _figure(value: float | None, form: str) -> str:

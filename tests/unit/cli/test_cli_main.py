@@ -115,6 +115,29 @@ def test_wrong_usage_is_exit_code_2(arguments: list[str]) -> None:
     assert end.value.code == 2
 
 
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (
+            ["simulate", "--out", "x", "--max-radius-m=3"],
+            "exploration.max_radius_m is an option of the configuration, "
+            "here with --set exploration.max_radius_m=VALUE\n",
+        ),
+        (
+            ["start", "--strategy", "x"],
+            "exploration.strategy is an option of the configuration\n",
+        ),
+        (["status", "--jason"], "unrecognized arguments: --jason\n"),
+    ],
+)
+def test_an_option_of_the_configuration_is_known_as_one(
+    arguments: list[str], told: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit):
+        main(arguments)
+    assert capsys.readouterr().err.endswith(told)
+
+
 def test_no_command_shows_the_help(capsys: pytest.CaptureFixture[str]) -> None:
     assert main([]) == 2
     out, err = capsys.readouterr()

@@ -37,7 +37,7 @@ def listen(hall, *faults, chip="hmc5883l", duties=STILL) -> list[Line]:
     config = replace(config, simulation=replace(config.simulation, compass_chip=chip))
     robot = SimulatedRobot(config, hall, Pose2(2.0, 2.5, 0.5), 3)
     for fault in faults:
-        robot.body.schedule(fault, FROM_TICK * TICK_S, (UNTIL_TICK - FROM_TICK) * TICK_S)
+        robot.body.faults.add(fault, FROM_TICK * TICK_S, (UNTIL_TICK - FROM_TICK) * TICK_S)
     gyro, compass = robot.registers
     gyro.write(PWR_MGMT_1, b"\x01", 0.0)
     if chip == "hmc5883l":

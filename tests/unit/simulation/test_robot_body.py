@@ -173,11 +173,11 @@ def test_field_turns_with_the_body_and_is_bent_only_by_metal(hall):
 
 def test_faults_happen_when_scheduled(hall):
     robot = body(hall)
-    robot.schedule(BodyFault.STUCK, 1.0, 2.0)
-    robot.schedule(BodyFault.SLIP_BURST, 4.0, 0.5)
-    robot.schedule(BodyFault.EMERGENCY_STOP, 0.0, 0.5)
-    robot.schedule(BodyFault.CLIFF, 0.5, 0.5)
-    robot.schedule(BodyFault.BATTERY_LOW, 5.0, 1.0)
+    robot.faults.add(BodyFault.STUCK, 1.0, 2.0)
+    robot.faults.add(BodyFault.SLIP_BURST, 4.0, 0.5)
+    robot.faults.add(BodyFault.EMERGENCY_STOP, 0.0, 0.5)
+    robot.faults.add(BodyFault.CLIFF, 0.5, 0.5)
+    robot.faults.add(BodyFault.BATTERY_LOW, 5.0, 1.0)
     assert robot.inputs().emergency_stop
     assert not robot.inputs().cliff
     drive(robot, 0.7, 0.2)

@@ -11,7 +11,8 @@ from PIL import Image
 
 from ins_robot.errors import InputError
 from ins_robot.geometry.pose2 import Pose2
-from ins_robot.simulation.world import BUILTIN_DIRECTORY, World
+from ins_robot.simulation.shipped_worlds import DIRECTORY, shipped_worlds
+from ins_robot.simulation.world import World
 from ins_robot.simulation.world_files import CELLS_MAX
 
 REPOSITORY = Path(__file__).resolve().parents[3]
@@ -168,7 +169,7 @@ def test_reachable_stops_where_the_disc_does_not_fit_through(tmp_path):
         assert (world.clearance.field_m[reachable] >= RADIUS_M).all()
 
 
-@pytest.mark.parametrize("name", World.builtin_names())
+@pytest.mark.parametrize("name", shipped_worlds())
 def test_shipped_worlds_are_one_piece_with_their_start_inside(name):
     world = World.builtin(name)
     start = world.start_pose(None, RADIUS_M + 0.1)
@@ -179,10 +180,10 @@ def test_shipped_worlds_are_one_piece_with_their_start_inside(name):
 def test_shipped_worlds_are_what_the_tool_draws(tmp_path):
     runpy.run_path(str(REPOSITORY / "tools" / "make_worlds.py"))["write"](tmp_path)
     drawn = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
-    shipped = {path.name: path.read_bytes() for path in BUILTIN_DIRECTORY.iterdir()}
+    shipped = {path.name: path.read_bytes() for path in DIRECTORY.iterdir()}
     assert drawn == shipped
     assert {"open_room", "rooms", "corridor_loop", "clutter", "office", "figure5"} == set(
-        World.builtin_names()
+        shipped_worlds()
     )
 
 
