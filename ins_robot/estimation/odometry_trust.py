@@ -24,6 +24,7 @@ MEMORY = 300.0  # scans
 TAIL_DOF = 4.0  # Student's t: some scans are laid wrong
 INFORMATION_MIN = np.diag([0.01, 0.01, 0.1])  # along a corridor there is none
 MOVED_M = 0.02  # or radians: less tells nothing of how odometry errs
+TURN_FACTOR_MIN = 4.0  # wheels slip in turns, now and then: what straight ways do not show
 ANEW_M = 2.0  # along a way so long, or a turn of so many radians, odometry errs anew
 
 
@@ -67,8 +68,10 @@ class OdometryTrust:
 
     def expect(self, motion: MotionIncrement) -> MotionIncrement:
         """The motion, worth less against a scan by the factor; a short one, for it repeats."""
-        repeats = min(ANEW_M / max(_way(motion), 1e-6), motion.repeated)
-        return replace(motion, repeated=max(self.factor, repeats))
+        factor = max(self.factor, min(ANEW_M / max(_way(motion), 1e-6), motion.repeated))
+        widths = np.array([1.0, 1.0, np.sqrt(max(1.0, TURN_FACTOR_MIN / factor))])
+        covariance = motion.covariance * np.outer(widths, widths)
+        return replace(motion, repeated=factor, covariance=covariance)
 
     def learn(self, motion: MotionIncrement, innovation: Innovation | None) -> None:
         """Take in what a scan said of a motion, if anything; who stands errs in nothing."""

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ins_robot.estimation.odometry_trust import Innovation, OdometryTrust
+from ins_robot.estimation.odometry_trust import TURN_FACTOR_MIN, Innovation, OdometryTrust
 from ins_robot.estimation.scan_matching import Alignment
 from ins_robot.geometry.pose2 import Pose2, compose
 from ins_robot.messages import REPEATED_UNKNOWN, MotionIncrement
@@ -100,4 +100,14 @@ def test_a_short_motion_is_worth_less_since_its_error_repeats() -> None:
     worth = [trust.expect(motion(Pose2(way, 0.0, 0.0))).repeated for way in (0.01, 0.5, 3.0)]
     assert worth[0] == REPEATED_UNKNOWN
     assert worth[0] > worth[1] > worth[2]
-    np.testing.assert_array_equal(trust.expect(motion(Pose2(0.5))).covariance, ASSUMED)
+
+
+@pytest.mark.parametrize("factor", [1.0, 25.0])
+def test_the_heading_is_never_trusted_as_much_as_good_ways_suggest(factor: float) -> None:
+    trust = OdometryTrust()
+    drive(trust, factor, 200, seed=1)
+    expected = trust.expect(motion(Pose2(3.0)))
+    worth = expected.repeated * expected.covariance / np.where(ASSUMED, ASSUMED, 1.0)
+    assert worth[0, 0] == pytest.approx(trust.factor)
+    assert worth[1, 1] == pytest.approx(trust.factor)
+    assert worth[2, 2] == pytest.approx(max(trust.factor, TURN_FACTOR_MIN))
