@@ -16,6 +16,7 @@ from ins_robot.config import Config
 from ins_robot.core.carried_odometry import CarriedOdometry
 from ins_robot.core.run_core import RunCore, ScanJob, ScanOutcome
 from ins_robot.core.survey import Timer
+from ins_robot.estimation.placement import Misfit
 from ins_robot.geometry.pose2 import Pose2
 
 
@@ -48,9 +49,9 @@ class CarriedCore(RunCore):
         stamp_s = job.scan.stamp_s
         self.last_stamp_s = max(self.last_stamp_s, stamp_s)
         motion = self.survey.place(job.scan, job.motion)
-        if motion is None:
+        if isinstance(motion, Misfit):
             self._forget(job)
-            return ScanOutcome(job=job, estimate=None, decision=None)
+            return ScanOutcome(job=job, estimate=None, decision=None, misfit=motion)
         outcome = super().compute(replace(job, motion=motion))
         assert outcome.estimate is not None
         self.trajectory.add(stamp_s, job.odom_from_base)

@@ -23,6 +23,7 @@ from ins_robot.core.run_result import RunResult, RunState
 from ins_robot.core.survey import Decision, Sector, Survey, Timer
 from ins_robot.core.trajectory import Anchor, TrajectoryRecorder
 from ins_robot.core.whereabouts import Found, Here, PutDown, Whereabouts
+from ins_robot.estimation.placement import Misfit
 from ins_robot.geometry.angles import FloatArray
 from ins_robot.geometry.pose2 import Pose2
 from ins_robot.mapping.zones import Zone
@@ -74,12 +75,14 @@ class ScanJob:
 class ScanOutcome:
     """What the worker made of it; the decision is None for a scan on the way.
 
-    No estimate: the scan fits nowhere, and map and pose are as they were (`CarriedCore`).
+    No estimate: the scan fits nowhere, for the reason in `misfit`, and map and pose are as they
+    were (`CarriedCore`).
     """
 
     job: ScanJob
     estimate: PoseEstimate | None
     decision: Decision | None
+    misfit: Misfit | None = None
 
 
 class RunCore:

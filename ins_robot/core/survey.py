@@ -16,6 +16,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ins_robot.config import Config
+from ins_robot.estimation.placement import Misfit
 from ins_robot.estimation.slam import Keep, Slam
 from ins_robot.geometry.angles import FloatArray
 from ins_robot.geometry.pose2 import Pose2
@@ -66,13 +67,13 @@ class Survey:
         self._goal: Drive | None = None
         self.ended: Finished | None = None
 
-    def place(self, scan: LaserScan, motion: MotionIncrement) -> MotionIncrement | None:
-        """Narrow down a motion that is hardly known; None when the scan fits nowhere.
+    def place(self, scan: LaserScan, motion: MotionIncrement) -> MotionIncrement | Misfit:
+        """Narrow down a motion that is hardly known; or why the scan fits nowhere.
 
         The goal then counts as failed: it waits, is tried once more, then given up.
         """
         placed = self.slam.place(scan, motion)
-        if placed is None and self._goal is not None:
+        if isinstance(placed, Misfit) and self._goal is not None:
             self.explorer.report_failure(self._goal, "the scan there fitted nowhere")
             self._goal = None
         return placed

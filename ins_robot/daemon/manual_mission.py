@@ -102,7 +102,8 @@ class ManualMission(RunUnderWay):
         await self._take_whole()
         outcome = await self._in_worker(self.core.compute, self._node_scan())
         if outcome.decision is None:
-            raise StateError(self._send_back())
+            assert outcome.misfit is not None
+            raise StateError(self._send_back(outcome.misfit.why))
         self._take(outcome.decision)
 
     async def _give_up(self) -> None:
@@ -127,19 +128,23 @@ class ManualMission(RunUnderWay):
         ended = MissionState.COMPLETE if decision.is_complete else MissionState.STOPPED
         self._end(ended, decision.reason)
 
-    def _send_back(self) -> str:
+    def _send_back(self, misfit: str) -> str:
         """Make a place nearer to the last one that is known the goal; what to tell the person.
 
         Half of the way back first: what fits there leads on, the last place is known already.
         """
         nodes = self.core.survey.slam.nodes
         if not nodes:
-            return "the scan shows almost nothing: uncover the LRF, step back and try again"
+            return (
+                f"the scan shows almost nothing ({misfit}): uncover the LRF, step back and try "
+                "again"
+            )
         node = nodes[-1]
         assert self.goal is not None
         why = (
-            "the scan here fits nowhere for certain; if the LRF still stands on node "
-            f"{node.id}, carry it as told; else go back towards node {node.id} and try again"
+            f"the scan here fits nowhere for certain ({misfit}); if the LRF still stands on "
+            f"node {node.id}, carry it as told; else go back towards node {node.id} and try "
+            "again"
         )
         self._retreat = self._retreat or Retreat(self.goal.path, node.pose)
         self.goal = Drive(

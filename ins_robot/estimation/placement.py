@@ -51,6 +51,12 @@ class Demand(NamedTuple):
     denied_share_max: float
 
 
+class Misfit(NamedTuple):
+    """Why a scan was laid nowhere, for people: what, its value, the limit."""
+
+    why: str
+
+
 NAMED_PLACE = Demand(0.3, 0.06)  # somebody says that it is there, more or less
 ANY_PLACE = Demand(0.85, 0.03)  # nobody does: false ones had 0.80 and 0.01, or 0.92 and 0.044
 
@@ -62,8 +68,8 @@ def place(
     prior: FloatArray,
     covariance: FloatArray,
     demand: Demand = NAMED_PLACE,
-) -> tuple[FloatArray, FloatArray] | None:
-    """Pose (3,) and its covariance (3, 3), map frame; None when the scan fits nowhere near.
+) -> tuple[FloatArray, FloatArray] | Misfit:
+    """Pose (3,) and its covariance (3, 3), map frame; or why the scan fits nowhere near.
 
     Parameters
     ----------
@@ -73,7 +79,7 @@ def place(
         Where it is said to have been taken, and how surely.
     """
     if len(scan) < INLIERS_MIN:
-        return None
+        return too_few(scan)
     information = np.asarray(np.linalg.inv(covariance), dtype=np.float64)
     half_width_m = SEARCH_STDS * math.sqrt(float(np.linalg.eigvalsh(covariance[:2, :2])[-1]))
     half_turn_rad = SEARCH_STDS * math.sqrt(float(covariance[2, 2]))
@@ -84,9 +90,15 @@ def place(
     scores = _scores(field, grid, scan, matches, prior, information)
     best = int(np.argmax(scores))
     match = matches[best]
-    if not _fits(match, grid, scan, demand) or _has_rival(matches, scores, best):
-        return None
+    misfit = _misfit(match, grid, scan, demand) or _rival(matches, scores, best)
+    if misfit is not None:
+        return misfit
     return match.pose, np.asarray(np.linalg.inv(information + match.information), np.float64)
+
+
+def too_few(scan: Surfels) -> Misfit:
+    """Of a scan of almost nothing."""
+    return Misfit(f"{len(scan)} usable readings, {INLIERS_MIN} are needed")
 
 
 def fits_at(
@@ -175,24 +187,45 @@ def _scores(
     return scores
 
 
-def _fits(match: Alignment, grid: OccupancyGrid, scan: Surfels, demand: Demand) -> bool:
-    """Whether enough readings lie on the map's walls to hold the scan, and few in the open."""
-    if match.inliers < INLIERS_MIN or match.inlier_share < demand.inlier_share_min:
-        return False
+def _misfit(
+    match: Alignment, grid: OccupancyGrid, scan: Surfels, demand: Demand
+) -> Misfit | None:
+    """What is missing: readings on the map's walls that hold the scan, few in the open."""
+    share, denied = match.inlier_share, denied_share(grid, match.pose, scan)
+    if match.inliers < INLIERS_MIN or share < demand.inlier_share_min:
+        return Misfit(
+            f"at the best place {match.inliers} readings ({share:.0%}) lie on known walls, "
+            f"{INLIERS_MIN} and {demand.inlier_share_min:.0%} are needed"
+        )
     weakest = float(np.linalg.eigvalsh(match.information[:2, :2])[0])
-    std_max_m = KNOWN_STD_MAX_M if match.inlier_share > KNOWN_SHARE else STD_MAX_M
+    std_max_m = KNOWN_STD_MAX_M if share > KNOWN_SHARE else STD_MAX_M
     if weakest < 1.0 / std_max_m**2:
-        return False
-    return denied_share(grid, match.pose, scan) <= demand.denied_share_max
+        std_m = 1.0 / math.sqrt(max(weakest, 1.0))
+        return Misfit(
+            f"along the walls that it sees it may slide by {std_m:.2f} m, {std_max_m:g} at most"
+        )
+    if denied > demand.denied_share_max:
+        return Misfit(
+            f"at the best place {denied:.0%} of the readings contradict the map, "
+            f"{demand.denied_share_max:.0%} at most"
+        )
+    return None
 
 
-def _has_rival(matches: list[Alignment], scores: FloatArray, best: int) -> bool:
+def _rival(matches: list[Alignment], scores: FloatArray, best: int) -> Misfit | None:
     """Whether another place is nearly as likely."""
     off = np.stack([match.pose for match in matches]) - matches[best].pose
-    is_apart = (np.hypot(off[:, 0], off[:, 1]) > RIVAL_M) | (
-        np.abs(wrap_rad(off[:, 2])) > RIVAL_RAD
+    off[:, 2] = wrap_rad(off[:, 2])
+    away_m = np.hypot(off[:, 0], off[:, 1])
+    is_rival = (away_m > RIVAL_M) | (np.abs(off[:, 2]) > RIVAL_RAD)
+    is_rival &= scores > scores[best] - RIVAL_MARGIN
+    if not is_rival.any():
+        return None
+    rival = int(np.argmax(np.where(is_rival, scores, -np.inf)))
+    return Misfit(
+        f"a place {away_m[rival]:.2f} m and {abs(math.degrees(off[rival, 2])):.0f} deg from "
+        "the best is nearly as likely"
     )
-    return bool((scores[is_apart] > scores[best] - RIVAL_MARGIN).any())
 
 
 def denied_share(grid: OccupancyGrid, pose: FloatArray, scan: Surfels) -> float:

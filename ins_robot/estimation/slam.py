@@ -22,7 +22,14 @@ from ins_robot.estimation.loop_closing import LoopCloser
 from ins_robot.estimation.motion_model import chain, turned
 from ins_robot.estimation.node_map import MATCH_RADIUS_M, SURFEL_SPACING_M, Node, NodeMap, way_m
 from ins_robot.estimation.odometry_trust import Innovation
-from ins_robot.estimation.placement import ANY_PLACE, INLIERS_MIN, fits_at, place
+from ins_robot.estimation.placement import (
+    ANY_PLACE,
+    INLIERS_MIN,
+    Misfit,
+    fits_at,
+    place,
+    too_few,
+)
 from ins_robot.estimation.protocol import Correction, Observation
 from ins_robot.estimation.rendered_map import RenderedMap
 from ins_robot.estimation.scan_matching import Alignment
@@ -122,24 +129,24 @@ class Slam:
             stamp_s=scan.stamp_s, pose=self.pose, covariance=self._estimator.covariance()
         )
 
-    def place(self, scan: LaserScan, motion: MotionIncrement) -> MotionIncrement | None:
-        """The motion narrowed by where the scan fits; None when it fits nowhere near.
+    def place(self, scan: LaserScan, motion: MotionIncrement) -> MotionIncrement | Misfit:
+        """The motion narrowed by where the scan fits; or why it fits nowhere near.
 
         For motions too vague to `step` with, such as those of an LRF that is carried. Changes
         nothing.
         """
         surfels = self._thinned(scan)
         if len(self._nodes) == 0:
-            return motion if len(surfels) >= INLIERS_MIN else None
+            return motion if len(surfels) >= INLIERS_MIN else too_few(surfels)
         here = self._estimator.pose()
         prior = compose(here, motion.delta.as_array())
         field = self._nodes.local_field(self._linked_near(prior), prior)
         if field is None:
-            return None
+            return Misfit("nothing of the map is near where it was said to be taken")
         covariance = turned(motion.covariance, float(here[2]))
         placed = place(field, self.grid, surfels, prior, covariance)
-        if placed is None:
-            return None
+        if isinstance(placed, Misfit):
+            return placed
         pose, covariance = placed
         return replace(
             motion,
@@ -171,7 +178,9 @@ class Slam:
         if field is None:
             return None
         placed = place(field, self.grid, self._thinned(scan), prior, covariance, ANY_PLACE)
-        return None if placed is None else (Pose2.from_array(placed[0]), placed[1])
+        if isinstance(placed, Misfit):
+            return None
+        return Pose2.from_array(placed[0]), placed[1]
 
     def relocate(self, scan: LaserScan, pose: Pose2, covariance: FloatArray) -> PoseEstimate:
         """Take in a scan from where the robot was carried to, as a node.
