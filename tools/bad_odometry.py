@@ -42,7 +42,6 @@ COLUMNS = (
     "sensor",
     "odometry",
     "scans",
-    "seen again",
     "mean m",
     "p95 m",
     "max m",

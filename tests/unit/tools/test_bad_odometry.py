@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bad_odometry import Grade, Job, line, run, seen_again, with_bad_odometry
+from bad_odometry import COLUMNS, Grade, Job, line, run, seen_again, with_bad_odometry
 
 from ins_robot.geometry.angles import wrap_rad
 from ins_robot.geometry.pose2 import between, compose
@@ -62,5 +62,7 @@ def test_a_log_is_replayed_and_told_in_one_line(tmp_path: Path):
     scans, off_m, off_deg = run(job)
     assert (scans, len(off_m)) == (len(poses), len(off_deg))
     assert off_m.mean() < 0.1
-    assert "| hall | as an XV-11 | fair | 120 |" in line(job, [(scans, off_m, off_deg)])
+    told = line(job, [(scans, off_m, off_deg)])
+    assert "| hall | as an XV-11 | fair | 120 |" in told
+    assert told.count("|") == len(COLUMNS) + 1
     assert (tmp_path / "out" / job.name / "map.png").is_file()
