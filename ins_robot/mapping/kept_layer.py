@@ -110,10 +110,10 @@ class KeptLayer:
             found = work_out(_part(shared, whole), _part(_wider(shared, margin, whole), whole))
             self._put(shared, np.minimum(found, self.reach_m))
             self._stale += _strips(shared, box)
-        values = np.full((asked[2] - asked[0], asked[3] - asked[1]), self._far)
+        values = np.empty((asked[2] - asked[0], asked[3] - asked[1]))
         for key, inner, outer in _in_blocks(asked):
-            if key in self._blocks:
-                values[outer] = self._blocks[key][inner]
+            block = self._blocks.get(key)
+            values[outer] = self._far if block is None else block[inner]
         values.flags.writeable = False
         self._last = len(changes), asked, values
         return values

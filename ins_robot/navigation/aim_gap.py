@@ -47,7 +47,8 @@ def gap_of_aim(
     cells = scene.unseen.cells
     index = np.flatnonzero(is_target[cells[:, 0], cells[:, 1]])
     targets_m = scene.unseen.ahead_m[index]
-    same = next((old for old in reversed(before) if _is_same(targets_m, old)), None)
+    not_shown = (old for old in reversed(before) if old.gap.state is not GapState.EXPLORED)
+    same = next((old for old in not_shown if _is_same(targets_m, old)), None)
     if same is None:
         node, gap = gap_along(scene.unseen, graph, index)
     else:
@@ -58,9 +59,7 @@ def gap_of_aim(
 
 
 def _is_same(targets_m: FloatArray, old: AimGap) -> bool:
-    """Whether an aim is at what an old one was at, which no scan has shown yet."""
-    if old.gap.state is GapState.EXPLORED:
-        return False
+    """Whether an aim is at what an old one was at."""
     away_m, _ = cKDTree(old.targets_m).query(targets_m)
     return bool((away_m <= SAME_M).mean() > SAME_SHARE)
 

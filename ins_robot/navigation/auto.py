@@ -266,9 +266,8 @@ def _drop_looked_at(
     old = old[nth + np.cumsum(counts)[shown[pair]]]
     new = (cells[shown] - places[place])[pair]
     far, was_far = np.hypot(*new.T), np.hypot(*old.T)
-    same = ((new * old).sum(axis=1) >= math.cos(SAME_SIDE_RAD) * far * was_far) & (
-        far >= NEARER * was_far
-    )
+    along = new[:, 0] * old[:, 0] + new[:, 1] * old[:, 1]
+    same = (along >= math.cos(SAME_SIDE_RAD) * far * was_far) & (far >= NEARER * was_far)
     shows[place[pair[same]], shown[pair[same]]] = False
 
 

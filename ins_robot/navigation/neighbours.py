@@ -89,9 +89,9 @@ def _crossed(new: Node, others: list[Node], with_closed: bool) -> list[list[tupl
     crossed: list[list[tuple[Node, Gap]]] = [[] for _ in others]
     if not asked:
         return crossed
-    poses = np.array([node.pose.as_array() for _, node, _ in asked])
+    poses = np.array([(p.x_m, p.y_m, p.heading_rad) for p in (n.pose for _, n, _ in asked)])
     ends = transform_points(poses, np.array([gap.ends_m for _, _, gap in asked]))
-    towards = np.array([others[number].position_m for number, _, _ in asked])
+    towards = np.array([other.position_m for other in others])[[n for n, _, _ in asked]]
     hit = crosses(new.position_m, towards, ends[:, 0], ends[:, 1])
     for (number, node, gap), is_hit in zip(asked, hit.tolist(), strict=True):
         if is_hit:

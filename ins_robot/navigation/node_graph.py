@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.sparse.csgraph import dijkstra
 
 from ins_robot.errors import StateError
@@ -97,8 +98,9 @@ class NodeGraph:
     def __init__(self) -> None:
         self.nodes: list[Node] = []
         self._edges_m = np.zeros((64, 64))  # 0: no edge
-        self._poses: FloatArray | None = None  # asked for eight times a decision
-        self._sectors: FloatArray | None = None
+        self._poses: FloatArray | None = _no_rows(3)  # asked for eight times a decision
+        self._sectors = _no_rows(2)
+        self._arrivals = _no_rows(2)  # from which node, by a way how long
         self._ways_m: dict[int, tuple[Pose2, FloatArray, FloatArray]] = {}
 
     def __len__(self) -> int:
@@ -109,7 +111,10 @@ class NodeGraph:
         if node.index != len(self.nodes):
             raise StateError(f"node {node.id}: index {node.index}, next is {len(self.nodes)}")
         self.nodes.append(node)
-        self._poses = self._sectors = None
+        if self._poses is not None:
+            self._poses = _with_row(self._poses, node.pose.as_array())
+        self._sectors = _with_row(self._sectors, node.sector)
+        self._arrivals = _with_row(self._arrivals, (node.came_from or 0, node.way_m))
         if len(self.nodes) > len(self._edges_m):
             grown = np.zeros((2 * len(self._edges_m),) * 2)
             grown[: len(self._edges_m), : len(self._edges_m)] = self._edges_m
@@ -142,9 +147,6 @@ class NodeGraph:
 
     def sectors(self) -> FloatArray:
         """(K, 2) of the nodes, as `Node.sector`; read-only."""
-        if self._sectors is None:
-            self._sectors = np.array([node.sector for node in self.nodes], float).reshape(-1, 2)
-            self._sectors.flags.writeable = False
         return self._sectors
 
     def driven_m(
@@ -154,8 +156,8 @@ class NodeGraph:
 
         Those of ways that lead through a box from `low_m` (2,) to `high_m` (2,), and more.
         """
-        reach_m = np.array([node.way_m for node in self.nodes])[:, None]
-        from_m = self.positions_m()[[node.came_from or 0 for node in self.nodes]]
+        reach_m = self._arrivals[:, 1:]
+        from_m = self.positions_m()[self._arrivals[:, 0].astype(np.int64)]
         is_near = ((from_m + reach_m >= low_m) & (from_m - reach_m <= high_m)).all(axis=1)
         ways = [
             self._way_m(node, self.nodes[node.came_from].pose)
@@ -231,3 +233,14 @@ class NodeGraph:
                 for gap in node.gaps
             ],
         }
+
+
+def _no_rows(width: int) -> FloatArray:
+    return np.zeros((0, width))
+
+
+def _with_row(rows: FloatArray, row: ArrayLike) -> FloatArray:
+    """A copy, read-only, with one more row: who holds the old one keeps it."""
+    longer = np.concatenate([rows, np.asarray(row, np.float64)[None]])
+    longer.flags.writeable = False
+    return longer

@@ -38,8 +38,7 @@ def sees(is_blocked: BoolArray, starts: FloatArray, ends: FloatArray) -> BoolArr
     cols = np.floor(starts[:, None, None, 1] + delta[..., None, 1] * share).astype(np.int64)
     height, width = is_blocked.shape
     inside = (rows >= 0) & (cols >= 0) & (rows < height) & (cols < width)
-    blocked = np.zeros(rows.shape, bool)
-    blocked[inside] = is_blocked[rows[inside], cols[inside]]
+    blocked = inside & is_blocked.ravel().take(np.where(inside, rows * width + cols, 0))
     own = _is_end_cell(rows, cols, starts[:, None, None, :]) | _is_end_cell(
         rows, cols, ends[None, :, None, :]
     )

@@ -56,11 +56,13 @@ def ground_of(factor: FloatArray, resolution_m: float) -> Ground:
     factors = factor.reshape(-1)[flat]
     ends, is_link = _links(number, flat)
     first = np.zeros(len(flat) + 1, np.int32)
-    np.cumsum(np.count_nonzero(is_link, axis=1), out=first[1:])
+    np.cumsum(is_link.view(np.int8) @ np.ones(len(STEPS), np.int8), out=first[1:])
     weights = factors[ends]
     weights += factors[:, None]
     weights *= 0.5 * resolution_m * np.array([length for _, _, length in STEPS])
-    edges = csr_matrix((weights[is_link], ends[is_link], first), shape=(len(flat), len(flat)))
+    linked = np.flatnonzero(is_link)
+    shape = len(flat), len(flat)
+    edges = csr_matrix((weights.take(linked), ends.take(linked), first), shape=shape)
     return Ground(edges=edges, flat=flat, number=number)
 
 

@@ -197,7 +197,9 @@ def test_a_replay_that_is_interrupted_keeps_what_it_has(
     monkeypatch.setattr(ProgressLine, "show", show)
     out = tmp_path / "out"
     assert main(["replay", str(log[0]), "--out", str(out)]) == 130
-    assert capsys.readouterr().err == f"interrupted; what was computed so far is in {out}\n"
+    told = capsys.readouterr().err.splitlines()
+    assert told[0].startswith("stopped: interrupted at 50%; ")
+    assert told[1:] == [f"interrupted; what was computed so far is in {out}"]
     summary = json.loads((out / "summary.json").read_text())
     assert (summary["state"], summary["reason"]) == ("stopped", "interrupted at 50%")
     assert len(read_tum(out / "trajectory.tum")[0]) == 121
@@ -221,7 +223,7 @@ def test_an_interrupt_that_cuts_nothing_short_is_none(
     monkeypatch.setattr(run_directory, "write_run", save)
     out = tmp_path / "out"
     assert main(["replay", str(log[0]), "--out", str(out)]) == 0
-    assert capsys.readouterr().err == ""
+    assert capsys.readouterr().err.startswith("complete: end of the CARMEN log; ")
     summary = json.loads((out / "summary.json").read_text())
     assert (summary["state"], summary["reason"]) == ("complete", "end of the CARMEN log")
     assert len(read_tum(out / "trajectory.tum")[0]) == 240
@@ -230,9 +232,10 @@ def test_an_interrupt_that_cuts_nothing_short_is_none(
 def test_a_replay_says_what_it_replaces_and_spares_a_recording(log, tmp_path, capsys):
     words = ["replay", str(log[0]), "--every", "30", "--out", str(tmp_path / "out")]
     assert main(words) == 0
-    assert capsys.readouterr().err == ""
+    assert capsys.readouterr().err.startswith("complete: end of the CARMEN log; ")
     assert main(words) == 0
-    assert capsys.readouterr().err == f"{tmp_path / 'out'}: replaces the run there\n"
+    told = capsys.readouterr().err.splitlines()
+    assert told[0] == f"{tmp_path / 'out'}: replaces the run there"
     (tmp_path / "out" / "run.journal").write_bytes(b"a recording")
     assert main(words) == 1
     assert "a recorded run is there" in capsys.readouterr().err
