@@ -223,7 +223,8 @@ def test_an_interrupt_that_cuts_nothing_short_is_none(
     monkeypatch.setattr(run_directory, "write_run", save)
     out = tmp_path / "out"
     assert main(["replay", str(log[0]), "--out", str(out)]) == 0
-    assert capsys.readouterr().err.startswith("complete: end of the CARMEN log; ")
+    (told,) = capsys.readouterr().err.splitlines()
+    assert told.startswith("complete: end of the CARMEN log; ")
     summary = json.loads((out / "summary.json").read_text())
     assert (summary["state"], summary["reason"]) == ("complete", "end of the CARMEN log")
     assert len(read_tum(out / "trajectory.tum")[0]) == 240
