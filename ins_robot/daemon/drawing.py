@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: MIT
 """Draws the map's picture in a process of its own.
 
-Drawing holds the interpreter for longer than the motors' dead-man waits, and wants memory the
-daemon need not keep. `python -m ins_robot.daemon.drawing` reads a pickled picture from our own
-pipe, never from outside, and answers with PNG bytes.
+Drawing holds the interpreter for longer than the motors' dead-man waits, and wants memory that
+the daemon need not keep and a replay does not have to spare. `python -m
+ins_robot.daemon.drawing` reads a pickled picture from our own pipe, never from outside, and
+answers with PNG bytes.
 """
 
 from __future__ import annotations
@@ -35,6 +36,7 @@ def draw_elsewhere(picture: MapPicture | PolarPicture) -> bytes:
             capture_output=True,
             timeout=TIMEOUT_S,
             check=False,
+            start_new_session=True,  # Ctrl-C is for us: what is being saved is finished
         )
     except (OSError, subprocess.TimeoutExpired) as error:
         raise RobotError(f"the picture could not be drawn: {error}") from None

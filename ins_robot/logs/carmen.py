@@ -17,6 +17,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ins_robot.errors import InputError
 from ins_robot.geometry.angles import FloatArray, wrap_rad
@@ -101,6 +102,9 @@ def _pose(line: Line, start: int) -> Pose2:
     return Pose2(float(values[0]), float(values[1]), wrap_rad(float(values[2])))
 
 
+CountArray = NDArray[np.int8]
+
+
 class _ScanParser:
     """Scan lines of the first kind met; a log often holds each scan in both kinds."""
 
@@ -108,7 +112,9 @@ class _ScanParser:
         self.scan_word: str | None = None
         self._fov_rad = fov_rad
         self._bearings: dict[tuple[float, ...], FloatArray] = {}
+        # what scans have in common is shared: a log holds thousands
         self._zeros: dict[int, FloatArray] = {}
+        self._whole: dict[int, tuple[FloatArray, CountArray]] = {}
 
     def scan(self, line: Line) -> tuple[LogRecord, FloatArray]:
         """The record, and the laser's pose (3,) in the odometry's frame."""
@@ -161,14 +167,17 @@ class _ScanParser:
         is_valid = (ranges_m > 0.0) & (ranges_m < limit_m)  # NaN is neither
         ranges_m[~is_valid] = np.nan
         zeros = self._zeros.setdefault(beams, np.zeros(beams))
+        std_m, counts = np.where(is_valid, RANGE_STD_M, np.nan), is_valid.astype(np.int8)
+        if is_valid.all():
+            std_m, counts = self._whole.setdefault(beams, (std_m, counts))
         return LaserScan(
             stamp_s=line.finite(stamp, "the time"),
             bearings_rad=bearings_rad,
             ranges_m=ranges_m,
-            range_std_m=np.where(is_valid, RANGE_STD_M, np.nan),
+            range_std_m=std_m,
             beam_offsets_s=zeros,
             range_max_m=limit_m,
-            valid_counts=is_valid.astype(np.int8),
+            valid_counts=counts,
         )
 
 

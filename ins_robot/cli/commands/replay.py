@@ -77,6 +77,7 @@ def _degrees(text: str) -> float:
 
 def run(args: argparse.Namespace) -> int:
     """Replay, write the files, say where they are."""
+    from ins_robot.daemon.drawing import draw_elsewhere
     from ins_robot.logs.open_log import LogKind, find_log
     from ins_robot.logs.run_directory import MAP_PNG, json_bytes, prepare_directory, write_run
 
@@ -93,7 +94,7 @@ def run(args: argparse.Namespace) -> int:
             print(f"ins-robot: {path}: {loss}", file=sys.stderr)
         if prepare_directory(args.out):
             print(f"{args.out}: replaces the run there", file=sys.stderr)
-        summary = write_run(args.out, result)
+        summary = write_run(args.out, result, draw_elsewhere)
     if args.json:
         print(json_bytes(summary).decode(), end="")
     else:
